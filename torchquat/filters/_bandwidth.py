@@ -1,0 +1,37 @@
+"""Bandwidths: one value or one per joint, kept as logarithms so that they stay positive."""
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from torchquat._checks import check_positive
+
+__all__ = ["Bandwidth", "default_radius", "per_joint", "register_bandwidth"]
+
+Bandwidth = float | Sequence[float] | Tensor
+
+
+def per_joint(value: Bandwidth, like: Tensor) -> float | Tensor:
+    """Shape a bandwidth so that it broadcasts to ``(..., T, J, 1)``, in the dtype of ``like``."""
+    if isinstance(value, int | float):
+        return float(value)
+    return torch.as_tensor(value).to(like)[..., None]
+
+
+def default_radius(sigma_t: Bandwidth) -> int:
+    """Half-width of a window that holds three temporal bandwidths, the widest joint's."""
+    return math.ceil(3.0 * float(torch.as_tensor(sigma_t).max()))
+
+
+def register_bandwidth(module: nn.Module, name: str, value: Bandwidth, learnable: bool) -> None:
+    """Give ``module`` the checked bandwidth as ``log_<name>``: a parameter or a buffer."""
+    check_positive(name, value)
+    logarithm = torch.as_tensor(value, dtype=torch.float32).detach().log()
+    if not bool(logarithm.isfinite().all()):
+        raise ValueError(f"{name} must be finite and > 0, got {value}.")
+    if learnable:
+        module.register_parameter(f"log_{name}", nn.Parameter(logarithm))
+    else:
+        module.register_buffer(f"log_{name}", logarithm)

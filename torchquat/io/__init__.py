@@ -1,0 +1,5 @@
+"""Motion files: read, filter, write; what is not a rotation comes back as it was."""
+
+from torchquat.io.motion import FormatError, Motion
+
+__all__ = ["FormatError", "Motion"]

@@ -1,0 +1,108 @@
+"""Missing frames: which they are, and what stands in their place.
+
+A frame of a joint is missing where its weight is 0 (or negative, or not finite), or where its
+quaternion has no direction (a component that is not finite, or all of them zero). Missing frames
+carry no weight in any filter, and get no gradient.
+"""
+
+import torch
+from torch import Tensor
+
+from torchquat import so3
+from torchquat._checks import check_layout, check_weight
+
+__all__ = ["confidence", "fill_missing", "interpolate", "validity"]
+
+
+def confidence(q: Tensor, weight: Tensor | None = None) -> Tensor:
+    """Weight of every frame and joint, 0 where it is missing.
+
+    Args:
+        q: Quaternions ``(..., T, J, 4)`` of any norm.
+        weight: Confidence or mask, broadcastable to ``(..., T, J)``; ``None`` means 1.
+
+    Returns:
+        Finite weights ``(..., T, J)`` >= 0 in the dtype of ``q``.
+    """
+    usable = so3.usable(q)
+    if weight is None:
+        return usable.to(q.dtype)
+    weight = weight.to(q.dtype).expand(q.shape[:-1])
+    present = usable & torch.isfinite(weight) & (weight > 0)
+    return torch.where(present, weight, 0.0)
+
+
+def validity(q: Tensor, weight: Tensor | None = None) -> Tensor:
+    """Which frames are present.
+
+    Args:
+        q: Quaternions ``(..., T, J, 4)`` of any norm.
+        weight: Confidence or mask, broadcastable to ``(..., T, J)``.
+
+    Returns:
+        Booleans ``(..., T, J)``: True where the frame is present.
+
+    Raises:
+        TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
+        ValueError: If a shape or device does not fit.
+    """
+    check_layout(q)
+    if weight is not None:
+        check_weight(weight, q)
+    return confidence(q, weight) > 0
+
+
+def fill_missing(q: Tensor, weight: Tensor | None = None, *, causal: bool = False) -> Tensor:
+    """Fill missing frames by geodesic interpolation between the frames around them.
+
+    Ends hold the nearest present frame. A joint that is missing throughout keeps its values, and
+    the identity where they have no direction.
+
+    Args:
+        q: Quaternions ``(..., T, J, 4)`` of any norm.
+        weight: Confidence or mask, broadcastable to ``(..., T, J)``; 0 marks a missing frame.
+        causal: Hold the last present frame instead of interpolating towards the next. Only the
+            frames before the first present one still look ahead: they hold it.
+
+    Returns:
+        Unit quaternions ``(..., T, J, 4)``; frames that are present are only normalised.
+
+    Raises:
+        TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
+        ValueError: If a shape or device does not fit.
+    """
+    check_layout(q)
+    if weight is not None:
+        check_weight(weight, q)
+    work = q.float() if q.dtype.itemsize < 4 else q
+    present = confidence(work, weight) > 0
+    return interpolate(so3.normalize(work), present, causal=causal).to(q.dtype)
+
+
+def interpolate(q: Tensor, present: Tensor, *, causal: bool = False) -> Tensor:
+    """:func:`fill_missing` for unit quaternions and a known mask, without checks.
+
+    Args:
+        q: Unit quaternions ``(..., T, J, 4)``.
+        present: Booleans ``(..., T, J)``.
+        causal: As in :func:`fill_missing`.
+
+    Returns:
+        Unit quaternions ``(..., T, J, 4)``.
+    """
+    frames = q.shape[-3]
+    frame = torch.arange(frames, device=q.device)[:, None].expand(present.shape)
+    before = torch.where(present, frame, -1).cummax(-2).values
+    after = torch.where(present, frame, frames).flip(-2).cummin(-2).values.flip(-2)
+    # where one side has no present frame, the other stands for both; where none has, the frame
+    left = torch.where(before >= 0, before, torch.where(after < frames, after, frame))
+    right = left if causal else torch.where(after < frames, after, left)
+
+    fraction = (frame - left) / (right - left).clamp(min=1).to(q.dtype)
+    source = torch.where(present[..., None], q, q.detach())  # no gradient to a missing frame
+    filled = so3.slerp(
+        source.take_along_dim(left[..., None], -3),
+        source.take_along_dim(right[..., None], -3),
+        fraction[..., None],
+    )
+    return torch.where(present[..., None], q, filled)

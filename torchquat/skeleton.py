@@ -1,0 +1,104 @@
+"""A hierarchy of joints, and where its rotations put them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from torchquat import so3
+from torchquat._checks import check_layout
+
+__all__ = ["Skeleton"]
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """Joints in an order in which parents come first.
+
+    Attributes:
+        names: One name per joint.
+        parents: Index of each joint's parent; -1 for a root.
+        offsets: Position of each joint in its parent's frame, ``(J, 3)``, float64, any unit.
+        end_sites: Tips of the last bones: pairs of a joint and a position in its frame.
+
+    Raises:
+        ValueError: If the lengths differ, or a parent does not come before its child.
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    offsets: Tensor
+    end_sites: tuple[tuple[int, tuple[float, float, float]], ...] = ()
+
+    def __post_init__(self) -> None:
+        joints = len(self.names)
+        if len(self.parents) != joints or self.offsets.shape != (joints, 3):
+            raise ValueError(
+                f"names, parents and offsets must be of one length, got {joints}, "
+                f"{len(self.parents)} and {tuple(self.offsets.shape)}."
+            )
+        for joint, parent in enumerate(self.parents):
+            if not -1 <= parent < joint:
+                raise ValueError(f"parents must be < their joint, got {parent} for {joint}.")
+
+    def forward_kinematics(
+        self, q: Tensor, root_position: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """World rotations and positions of all joints.
+
+        Args:
+            q: Local rotations ``(..., T, J, 4)``, each in its parent's frame.
+            root_position: Positions of the root ``(..., T, 3)``; ``None``: its offset.
+
+        Returns:
+            World rotations ``(..., T, J, 4)`` and positions ``(..., T, J, 3)``, in the unit of the
+            offsets.
+
+        Raises:
+            TypeError: If ``q`` is not a floating-point tensor.
+            ValueError: If ``q`` has another shape or number of joints.
+        """
+        check_layout(q)
+        if q.shape[-2] != len(self.names):
+            raise ValueError(f"q must have {len(self.names)} joints, got {q.shape[-2]}.")
+        q = so3.normalize(q)
+        offsets = self.offsets.to(q)
+        rotations: list[Tensor] = []
+        positions: list[Tensor] = []
+        for joint, parent in enumerate(self.parents):
+            local = q[..., joint, :]
+            if parent < 0:
+                rotations.append(local)
+                place = offsets[joint].expand(*local.shape[:-1], 3)
+                positions.append(place if root_position is None else root_position.to(q))
+            else:
+                rotations.append(so3.compose(rotations[parent], local))
+                bone = so3.rotate(rotations[parent], offsets[joint])
+                positions.append(positions[parent] + bone)
+        return torch.stack(rotations, -2), torch.stack(positions, -2)
+
+    def tips(self, rotations: Tensor, positions: Tensor) -> Tensor:
+        """Positions of the end sites.
+
+        Args:
+            rotations: World rotations ``(..., T, J, 4)`` from :meth:`forward_kinematics`.
+            positions: World positions ``(..., T, J, 3)`` from there.
+
+        Returns:
+            Positions ``(..., T, len(end_sites), 3)``.
+        """
+        joints = [joint for joint, _ in self.end_sites]
+        offset = torch.tensor([place for _, place in self.end_sites]).reshape(-1, 3).to(positions)
+        return positions[..., joints, :] + so3.rotate(rotations[..., joints, :], offset)
+
+    def index(self, names: Sequence[str]) -> list[int]:
+        """Indices of joints by name.
+
+        Raises:
+            ValueError: If a name is not one of the skeleton's.
+        """
+        unknown = [name for name in names if name not in self.names]
+        if unknown:
+            raise ValueError(f"joints must be of {list(self.names)}, got {unknown}.")
+        return [self.names.index(name) for name in names]

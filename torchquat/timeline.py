@@ -1,0 +1,125 @@
+"""What every windowed filter shares: entry and exit, and what lies outside the sequence."""
+
+from typing import Literal, get_args
+
+import torch
+from torch import Tensor
+
+from torchquat import missing, so3
+from torchquat._checks import check_choice, check_layout, check_weight
+
+__all__ = ["BOUNDARIES", "Boundary", "pad", "past_boundary", "prepare", "restore"]
+
+Boundary = Literal["truncate", "replicate", "reflect", "extrapolate", "circular"]
+"""What stands outside the sequence ``abcd`` in a window of radius 3:
+
+================  =============  ==============================================
+``truncate``      ``   abcd   ``  nothing: frames outside weigh 0
+``replicate``     ``aaaabcdddd``  the edge frame holds
+``reflect``       ``dcbabcdcba``  the sequence mirrored, edge frame not repeated
+``extrapolate``   ``...abcd...``  the increment at the edge continues
+``circular``      ``bcdabcdabc``  the sequence repeats
+================  =============  ==============================================
+
+All work for one frame and for windows longer than the sequence. A causal window must not read
+ahead: it uses ``replicate`` where that is asked for, and ``truncate`` instead of any other rule.
+"""
+
+BOUNDARIES: tuple[str, ...] = get_args(Boundary)
+
+
+def prepare(
+    q: Tensor, weight: Tensor | None = None, *, causal: bool = False
+) -> tuple[Tensor, Tensor]:
+    """Check and normalise an input, and fill its missing frames.
+
+    Args:
+        q: Quaternions ``(..., T, J, 4)`` of any norm; not written to.
+        weight: Confidence or mask, broadcastable to ``(..., T, J)``.
+        causal: Fill without looking ahead.
+
+    Returns:
+        Unit quaternions ``(..., T, J, 4)`` in float32 or float64, each in the hemisphere of its
+        input, and confidences ``(..., T, J, 1)``, 0 where a frame is missing.
+
+    Raises:
+        TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
+        ValueError: If a shape or device does not fit.
+    """
+    check_layout(q)
+    if weight is not None:
+        check_weight(weight, q)
+    work = q.float() if q.dtype.itemsize < 4 else q
+    confidence = missing.confidence(work, weight)
+    unit = so3.normalize(work)
+    filled = missing.interpolate(unit, confidence > 0, causal=causal)
+    # rows without a direction have no hemisphere: they follow the frame they are filled from
+    reference = torch.where(so3.usable(work)[..., None], unit, 0.0)
+    return so3.align(filled, reference), confidence[..., None]
+
+
+def restore(result: Tensor, prepared: Tensor, q: Tensor) -> Tensor:
+    """Give a result the hemispheres of the prepared input and the dtype of the input.
+
+    Args:
+        result: Unit quaternions ``(..., T, J, 4)``.
+        prepared: What :func:`prepare` made of ``q``.
+        q: The input of the filter.
+
+    Returns:
+        Unit quaternions ``(..., T, J, 4)`` in the dtype of ``q``.
+    """
+    return so3.align(result, prepared).to(q.dtype)
+
+
+def past_boundary(boundary: Boundary, causal: bool) -> Boundary:
+    """The boundary rule that a window uses: a causal one must not read ahead."""
+    check_choice("boundary", boundary, BOUNDARIES)
+    return "truncate" if causal and boundary != "replicate" else boundary
+
+
+def pad(q: Tensor, confidence: Tensor, radius: int, boundary: Boundary) -> tuple[Tensor, Tensor]:
+    """Put ``radius`` frames before and after a sequence, as the boundary rule has them.
+
+    Args:
+        q: Unit quaternions ``(..., T, J, 4)``.
+        confidence: Weights ``(..., T, J, 1)``.
+        radius: Frames on each side, >= 0.
+        boundary: Rule at both ends.
+
+    Returns:
+        Unit quaternions ``(..., T + 2 radius, J, 4)`` and weights ``(..., T + 2 radius, J, 1)``;
+        a frame outside weighs as much as the frame that it stands for.
+    """
+    frames = q.shape[-3]
+    if frames == 0:  # nothing to stand for: weightless identities
+        identity = q.new_tensor([0.0, 0.0, 0.0, 1.0])
+        shape = (*q.shape[:-3], 2 * radius, q.shape[-2])
+        return identity.expand(*shape, 4), q.new_zeros(*shape, 1)
+    wanted = torch.arange(-radius, frames + radius, device=q.device)
+    index = _source(wanted, frames, boundary)
+    padded = q.index_select(-3, index)
+    confidence = confidence.index_select(-3, index)
+    if boundary == "truncate":
+        confidence = confidence * (wanted == index).to(q.dtype)[:, None, None]
+    if boundary == "extrapolate":
+        padded = _continue(q, padded, (wanted - index).to(q.dtype)[:, None, None])
+    return padded, confidence
+
+
+def _source(wanted: Tensor, frames: int, boundary: Boundary) -> Tensor:
+    """The frame inside the sequence that stands at each wanted place."""
+    if boundary == "circular":
+        return wanted.remainder(frames)
+    if boundary == "reflect":
+        period = max(2 * (frames - 1), 1)
+        folded = wanted.remainder(period)
+        return torch.where(folded < frames, folded, period - folded)
+    return wanted.clamp(0, frames - 1)
+
+
+def _continue(q: Tensor, padded: Tensor, overshoot: Tensor) -> Tensor:
+    """Turn on from both edges with the increment found there; one frame stands still."""
+    edges = q[..., [0, -2 % q.shape[-3]], :, :], q[..., [1 % q.shape[-3], -1], :, :]
+    start, end = so3.log(so3.relative(*edges)).split(1, -3)
+    return so3.compose(padded, so3.exp(overshoot * torch.where(overshoot < 0, start, end)))
