@@ -1,0 +1,292 @@
+"""npz files: AMASS and SMPL poses, and a plain format that says what it holds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torchquat import so3
+from torchquat.io._zip import Anything, Archive, pack
+from torchquat.io.motion import FormatError, Motion
+from torchquat.skeleton import Skeleton
+
+__all__ = ["NpzSource", "new_npz", "read_npz"]
+
+ORDERS = {"xyzw": [0, 1, 2, 3], "wxyz": [3, 0, 1, 2]}
+"""Where the components of a file go from those of the package."""
+
+FRAME_RATES = ("mocap_framerate", "mocap_frame_rate")
+
+# where SMPL-H (52 joints) and SMPL-X (55) files keep parts of `poses` a second time
+_PARTS = {
+    156: {"root_orient": (0, 3), "pose_body": (3, 66), "pose_hand": (66, 156)},
+    165: {
+        "root_orient": (0, 3),
+        "pose_body": (3, 66),
+        "pose_jaw": (66, 69),
+        "pose_eye": (69, 75),
+        "pose_hand": (75, 165),
+    },
+}
+
+
+class _Layout(Protocol):
+    """Where the rotations of an archive are."""
+
+    def arrays(self, motion: Motion, before: Tensor) -> dict[str, Anything]:
+        """The arrays that hold them, with the rotations of ``motion``."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class NpzSource:
+    """An npz archive as it was read.
+
+    Attributes:
+        archive: All entries, byte for byte.
+        layout: Where the rotations are.
+        q: The rotations that were read ``(T, J, 4)``.
+    """
+
+    archive: Archive
+    layout: _Layout
+    q: Tensor
+
+    def render(self, motion: Motion) -> bytes:
+        """The archive with the rotations of ``motion``: same keys, order and dtypes.
+
+        Joints whose rotations did not change keep their numbers.
+
+        Raises:
+            ValueError: If the shape of the motion is not that of the file.
+        """
+        if motion.q.shape != self.q.shape:
+            raise ValueError(
+                f"q must have shape {tuple(self.q.shape)}, got {tuple(motion.q.shape)}."
+            )
+        return self.archive.rewritten(self.layout.arrays(motion, self.q))
+
+
+def read_npz(path: Path) -> Motion:
+    """Read an AMASS or SMPL file (key ``poses``) or a plain one (keys ``q`` and ``order``).
+
+    Args:
+        path: File to read. Object arrays are refused, never unpickled.
+
+    Returns:
+        Rotations and frame rate, with what the file has of names, skeleton, root and weights.
+
+    Raises:
+        FormatError: If the archive is unsound, or a key is missing or of a wrong shape or dtype.
+        OSError: If the file cannot be read.
+    """
+    archive = Archive(path)
+    if "q" in archive.keys:
+        return _read_plain(archive)
+    if "poses" in archive.keys:
+        return _read_amass(archive)
+    raise FormatError(f"{path}: expected the key 'poses' or 'q', got {archive.keys}")
+
+
+def new_npz(motion: Motion) -> bytes:
+    """A plain npz: quaternions with their order and frame rate by name, and the skeleton."""
+    arrays: dict[str, Anything] = {
+        "q": motion.q.numpy(),
+        "order": np.array("xyzw"),
+        "frame_rate": np.array(motion.frame_rate),
+        "names": np.array(motion.names),
+    }
+    if motion.skeleton is not None:
+        arrays["parents"] = np.array(motion.skeleton.parents)
+        arrays["offsets"] = motion.skeleton.offsets.numpy()
+        if motion.skeleton.end_sites:
+            joints, places = zip(*motion.skeleton.end_sites, strict=True)
+            arrays["end_site_parents"] = np.array(joints)
+            arrays["end_site_offsets"] = np.array(places)
+    if motion.root_position is not None:
+        arrays["root_position"] = motion.root_position.numpy()
+    if motion.weight is not None:
+        arrays["weight"] = motion.weight.numpy()
+    return pack(arrays)
+
+
+@dataclass(frozen=True)
+class _Plain:
+    """Quaternions in the key ``q``."""
+
+    stored: Anything
+    order: str
+    has_weight: bool
+
+    def arrays(self, motion: Motion, before: Tensor) -> dict[str, Anything]:
+        moved = motion.q.numpy()[..., ORDERS[self.order]].astype(self.stored.dtype)
+        kept = (motion.q == before).all(-1).all(0)[:, None].numpy()
+        arrays: dict[str, Anything] = {"q": np.where(kept, self.stored, moved)}
+        if self.has_weight and motion.weight is None:  # complete now: nothing is missing
+            arrays["weight"] = np.ones(motion.q.shape[:-1])
+        return arrays
+
+
+@dataclass(frozen=True)
+class _Amass:
+    """Rotation vectors in ``poses``, and in other keys that repeat parts of it."""
+
+    stored: Anything
+    parts: dict[str, tuple[int, int]]
+    dtypes: dict[str, np.dtype[np.generic]]
+
+    def arrays(self, motion: Motion, before: Tensor) -> dict[str, Anything]:
+        frames, width = self.stored.shape
+        if not frames:
+            return {}
+        stored = self.stored.astype(np.float64).reshape(frames, -1, 3)
+        kept = (motion.q == before).all(-1).all(0)[:, None].numpy()
+        solved = _nearest_rotvec(so3.log(so3.normalize(motion.q)).numpy(), stored[0])
+        poses = np.where(kept, stored, solved).reshape(frames, width)
+        arrays: dict[str, Anything] = {"poses": poses.astype(self.stored.dtype)}
+        for key, (start, stop) in self.parts.items():
+            arrays[key] = poses[:, start:stop].astype(self.dtypes[key])
+        return arrays
+
+
+def _read_plain(archive: Archive) -> Motion:
+    order = str(_get(archive, "order"))
+    if order not in ORDERS:
+        raise FormatError(f"{archive.path}: order: expected one of {list(ORDERS)}, got {order!r}")
+    stored = _floats(archive, "q", 3)
+    if stored.shape[-1] != 4:
+        raise FormatError(f"{archive.path}: q: expected shape (T, J, 4), got {stored.shape}")
+    frames, joints, _ = stored.shape
+    q = torch.from_numpy(stored.astype(np.float64)[..., np.argsort(ORDERS[order])])
+
+    names = tuple(f"joint_{index}" for index in range(joints))
+    if "names" in archive.keys:
+        names = tuple(str(name) for name in archive.array("names").reshape(-1))
+    skeleton = weight = root_position = None
+    try:
+        if "parents" in archive.keys:
+            skeleton = _read_skeleton(archive, names)
+        if "weight" in archive.keys:
+            weight = torch.from_numpy(_floats(archive, "weight", 2).astype(np.float64))
+            weight = weight.expand(frames, joints)
+        if "root_position" in archive.keys:
+            root_position = torch.from_numpy(_floats(archive, "root_position", 2).astype(float))
+            root_position = root_position.expand(frames, 3)
+        return Motion(
+            q=q,
+            frame_rate=_number(archive, "frame_rate"),
+            names=names,
+            skeleton=skeleton,
+            root_position=root_position,
+            weight=weight,
+            source=NpzSource(archive, _Plain(stored, order, weight is not None), q),
+        )
+    except FormatError:
+        raise
+    except (ValueError, RuntimeError) as error:
+        raise FormatError(f"{archive.path}: {error}") from None
+
+
+def _read_skeleton(archive: Archive, names: Sequence[str]) -> Skeleton:
+    end_sites = ()
+    if "end_site_parents" in archive.keys:
+        joints = archive.array("end_site_parents").tolist()
+        places = _floats(archive, "end_site_offsets", 2).tolist()
+        pairs = zip(joints, places, strict=True)
+        end_sites = tuple((int(joint), (x, y, z)) for joint, (x, y, z) in pairs)
+    return Skeleton(
+        names=tuple(names),
+        parents=tuple(int(parent) for parent in archive.array("parents").tolist()),
+        offsets=torch.from_numpy(_floats(archive, "offsets", 2).astype(np.float64)),
+        end_sites=end_sites,
+    )
+
+
+def _read_amass(archive: Archive) -> Motion:
+    stored = _floats(archive, "poses", 2)
+    frames, width = stored.shape
+    if width % 3 or not width:
+        raise FormatError(f"{archive.path}: poses: expected a width of 3 J, got {width}")
+    rates = [key for key in FRAME_RATES if key in archive.keys]
+    if not rates:
+        raise FormatError(
+            f"{archive.path}: expected {' or '.join(FRAME_RATES)}, got {archive.keys}"
+        )
+    parts = {key: span for key, span in _PARTS.get(width, {}).items() if key in archive.keys}
+    dtypes = {key: _check_part(archive, key, stored[:, slice(*parts[key])]) for key in parts}
+
+    q = so3.exp(torch.from_numpy(stored.astype(np.float64)).reshape(frames, -1, 3))
+    return Motion(
+        q=q,
+        frame_rate=_number(archive, rates[0]),
+        names=tuple(f"joint_{index}" for index in range(width // 3)),
+        root_position=_trans(archive, frames),
+        source=NpzSource(archive, _Amass(stored, parts, dtypes), q),
+    )
+
+
+def _check_part(archive: Archive, key: str, part: Anything) -> np.dtype[np.generic]:
+    """The dtype of a key that repeats a part of ``poses``, once it is seen to repeat it."""
+    copy = _floats(archive, key, 2)
+    if copy.shape != part.shape:
+        raise FormatError(f"{archive.path}: {key}: expected shape {part.shape}, got {copy.shape}")
+    if not np.allclose(copy.astype(float), part.astype(float), atol=1e-5, equal_nan=True):
+        raise FormatError(f"{archive.path}: {key}: expected what 'poses' holds, got other values")
+    return copy.dtype
+
+
+def _trans(archive: Archive, frames: int) -> Tensor | None:
+    if "trans" not in archive.keys:
+        return None
+    trans = _floats(archive, "trans", 2)
+    if trans.shape != (frames, 3):
+        raise FormatError(f"{archive.path}: trans: expected ({frames}, 3), got {trans.shape}")
+    return torch.from_numpy(trans.astype(np.float64))
+
+
+def _get(archive: Archive, key: str) -> Anything:
+    if key not in archive.keys:
+        raise FormatError(f"{archive.path}: expected the key {key!r}, got {archive.keys}")
+    return archive.array(key)
+
+
+def _floats(archive: Archive, key: str, dimensions: int) -> Anything:
+    array = _get(archive, key)
+    if array.dtype.kind != "f" or array.ndim != dimensions:
+        raise FormatError(
+            f"{archive.path}: {key}: expected {dimensions} dimensions of floating-point numbers, "
+            f"got {array.dtype} {array.shape}"
+        )
+    return array
+
+
+def _number(archive: Archive, key: str) -> float:
+    array = _get(archive, key)
+    number = float(array.reshape(-1)[0]) if array.size == 1 and array.dtype.kind in "fiu" else 0.0
+    if not 0 < number < float("inf"):
+        raise FormatError(f"{archive.path}: {key}: expected frames per second, got {array}")
+    return number
+
+
+def _nearest_rotvec(rotvec: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation vectors ``(T, J, 3)`` on the branch nearest to the frame before.
+
+    A rotation vector is free up to full turns about its own axis; the first frame takes the branch
+    nearest to ``start``.
+    """
+    angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
+    axis = rotvec / np.where(angle > 0, angle, 1.0)
+    nearest = np.empty_like(rotvec)
+    before = start
+    for frame in range(len(rotvec)):
+        # the identity has no axis: after full turns it keeps the one of the frame before
+        length = np.linalg.norm(before, axis=-1, keepdims=True)
+        about = np.where(angle[frame] > 0, axis[frame], before / np.where(length > 0, length, 1.0))
+        turns = np.round(((about * before).sum(-1, keepdims=True) - angle[frame]) / (2 * np.pi))
+        nearest[frame] = before = (angle[frame] + 2 * np.pi * turns) * about
+    return nearest
