@@ -40,7 +40,7 @@ NAMES += ("LeftUpLeg", "LeftLeg", "RightUpLeg", "RightLeg")
 PARENTS = (-1, 0, 1, 2, 2, 4, 2, 6, 0, 8, 0, 10)
 
 # Bends [rad] between which a limb's own plane takes over its twist from the joint above.
-STRAIGHT, BENT = np.deg2rad(10.0), np.deg2rad(30.0)
+STRAIGHT, BENT = np.deg2rad(15.0), np.deg2rad(60.0)
 
 
 def motion_from_landmarks(

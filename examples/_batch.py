@@ -1,0 +1,84 @@
+"""Which files a command reads, and where each result goes."""
+
+import glob
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from torchquat.io.files import FORMATS
+
+__all__ = ["Task", "plan"]
+
+
+class Task(NamedTuple):
+    """One file to read, and the file to write."""
+
+    source: Path
+    target: Path
+
+
+def plan(inputs: Sequence[str], output: Path) -> list[Task]:
+    """Find all inputs and give each an output.
+
+    Args:
+        inputs: Files, folders (searched through) or globs.
+        output: A file for one input file, else a folder that mirrors the inputs.
+
+    Raises:
+        ValueError: If an input is missing or holds no motion file, or two have one output.
+    """
+    for text in inputs:
+        if not Path(text).exists() and not glob.has_magic(text):
+            raise ValueError(f"{text}: no such file or folder")
+    one_file = len(inputs) == 1 and Path(inputs[0]).is_file() and not output.is_dir()
+    if one_file and output.suffix.lower() in FORMATS:
+        return [Task(Path(inputs[0]), output)]
+    if output.exists() and not output.is_dir():
+        raise ValueError(f"{output}: expected a folder for {', '.join(inputs)}, got a file")
+    tasks: dict[Path, Task] = {}
+    for text in inputs:
+        found = list(_find(text, output))
+        if not found:
+            raise ValueError(f"{text}: expected files in {' or '.join(FORMATS)}, got none")
+        for source, place in found:
+            task = Task(source, output / place)
+            twin = tasks.setdefault(_key(task.target), task)
+            if twin.source.resolve() != source.resolve():
+                raise ValueError(f"{task.target}: {twin.source} and {source} would both go there")
+    return list(tasks.values())
+
+
+def _find(text: str, output: Path) -> Iterator[tuple[Path, Path]]:
+    """Files of one input, and their places below the output folder."""
+    path = Path(text)
+    if path.is_dir():
+        for source in sorted(path.rglob("*")):
+            # results of an earlier run inside the input folder are no inputs
+            if _is_motion(source) and not source.is_relative_to(output):
+                yield source, source.relative_to(path)
+    elif path.is_file():
+        yield path, Path(path.name)
+    else:
+        base = _fixed_part(path)
+        for source in sorted(base.glob(str(path.relative_to(base)))):
+            if _is_motion(source):
+                yield source, source.relative_to(base)
+
+
+def _is_motion(path: Path) -> bool:
+    return path.suffix.lower() in FORMATS and path.is_file()
+
+
+def _fixed_part(pattern: Path) -> Path:
+    """The folder above the first part with a wildcard."""
+    parts = []
+    for part in pattern.parts[:-1]:
+        if glob.has_magic(part):
+            break
+        parts.append(part)
+    return Path(*parts)
+
+
+def _key(target: Path) -> Path:
+    """Equal for names that are one file on systems which do not tell capitals apart."""
+    return target.parent / target.name.lower()

@@ -1,0 +1,153 @@
+"""A filter by name and arguments, as configs and command lines give it."""
+
+import importlib
+import inspect
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+from torch import nn
+
+import torchquat
+
+__all__ = ["FilterConfig", "in_frames", "read_config"]
+
+TIMES = ("sigma_t", "radius")
+"""Arguments in frames: ``25ms`` and ``0.1s`` are converted with the frame rate of the file."""
+
+FREQUENCIES = ("cutoff", "min_cutoff", "d_cutoff")
+"""Arguments in cycles per frame: ``6Hz`` is converted."""
+
+_QUANTITY = re.compile(r"([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(ms|s|Hz)?")
+_SECONDS = {"ms": 1e-3, "s": 1.0}
+
+
+@dataclass(frozen=True)
+class FilterConfig:
+    """A class and its arguments, checked against its signature.
+
+    Attributes:
+        class_path: ``torchquat.BilateralFilter``, or a module of your own: ``package.Class``.
+        init_args: Arguments of the constructor; times and cut-offs may carry a unit.
+        origin: Where it was said, for errors.
+    """
+
+    class_path: str
+    init_args: dict[str, Any] = field(default_factory=dict)
+    origin: str = "command line"
+
+    def __post_init__(self) -> None:
+        valid = list(inspect.signature(self._class()).parameters)
+        for key in self.init_args:
+            if key not in valid:
+                raise ValueError(
+                    f"{self.origin}: filter.init_args.{key}: expected one of {', '.join(valid)}"
+                )
+        self.build(frame_rate=1.0)  # a wrong value is an error before the first file is read
+
+    def build(self, frame_rate: float) -> nn.Module:
+        """The filter for files of a frame rate [1/s].
+
+        Raises:
+            ValueError: If an argument is out of its range.
+        """
+        parameters = inspect.signature(self._class()).parameters
+        arguments = {}
+        for key, value in self.init_args.items():
+            try:
+                arguments[key] = in_frames(key, value, frame_rate)
+            except ValueError as error:
+                raise ValueError(f"{self.origin}: filter.init_args.{key}: {error}") from None
+            if "int" in str(parameters[key].annotation) and isinstance(value, str):
+                arguments[key] = round(arguments[key])
+        try:
+            return self._class()(**arguments)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{self.origin}: {self.class_path}: {error}") from None
+
+    def _class(self) -> type[nn.Module]:
+        module, _, name = self.class_path.rpartition(".")
+        try:
+            found = getattr(importlib.import_module(module) if module else torchquat, name, None)
+        except ImportError as error:
+            raise ValueError(f"{self.origin}: filter.class_path: {error}") from None
+        if not (isinstance(found, type) and issubclass(found, nn.Module)):
+            raise ValueError(
+                f"{self.origin}: filter.class_path: expected one of {', '.join(_filters())}, "
+                f"got {self.class_path!r}"
+            )
+        return found
+
+
+def read_config(
+    path: Path, class_path: str | None = None, init_args: Mapping[str, Any] | None = None
+) -> FilterConfig:
+    """Read a YAML file, and let the command line have the last word.
+
+    Args:
+        path: File with ``filter: {class_path: ..., init_args: {...}}``.
+        class_path: Replaces the class; the arguments of the file are dropped with it.
+        init_args: Replace single arguments.
+
+    Raises:
+        ValueError: If the file is no such YAML, or a key is unknown: names file, key, valid keys.
+        OSError: If the file cannot be read.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: expected YAML: {error}") from None
+    content = _mapping(path, "", content, ("filter",))
+    section = _mapping(path, "filter", content["filter"], ("class_path", "init_args"))
+    arguments = dict(section.get("init_args") or {})
+    if class_path is not None and class_path != section["class_path"]:
+        arguments = {}
+    # what was said on the command line is not the file's fault
+    origin = str(path) if class_path is None and not init_args else f"{path} and command line"
+    return FilterConfig(
+        class_path or section["class_path"], {**arguments, **(init_args or {})}, origin
+    )
+
+
+def in_frames(key: str, value: Any, frame_rate: float) -> Any:
+    """A time with a unit in frames, a cut-off with a unit in cycles per frame.
+
+    Args:
+        key: Name of the argument.
+        value: A quantity as text, or anything else, which comes back as it is.
+        frame_rate: Frames per second.
+
+    Raises:
+        ValueError: If the unit does not fit the argument.
+    """
+    match = _QUANTITY.fullmatch(value.strip()) if isinstance(value, str) else None
+    if match is None:
+        return value
+    number, unit = float(match[1]), match[2]
+    if unit is None:
+        return number
+    if unit in _SECONDS and key in TIMES:
+        return number * _SECONDS[unit] * frame_rate
+    if unit == "Hz" and key in FREQUENCIES:
+        return number / frame_rate
+    wanted = "in ms or s" if key in TIMES else "in Hz" if key in FREQUENCIES else "without a unit"
+    raise ValueError(f"expected a number {wanted}, got {value!r}")
+
+
+def _mapping(path: Path, name: str, content: Any, keys: tuple[str, ...]) -> dict[str, Any]:
+    """A mapping that has the first of ``keys`` and no others."""
+    place = f"{path}: {name}".rstrip(": ")
+    if not isinstance(content, dict) or keys[0] not in content:
+        raise ValueError(f"{place}: expected the key {keys[0]!r}")
+    for key in content:
+        if key not in keys:
+            raise ValueError(f"{place}: expected one of {', '.join(keys)}, got the key {key!r}")
+    return content
+
+
+def _filters() -> list[str]:
+    """Names of all filters in the package."""
+    return [name for name in torchquat.__all__ if name.endswith("Filter")]
