@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from torchquat._checks import check_positive
 
-__all__ = ["Bandwidth", "default_radius", "per_joint", "register_bandwidth"]
+__all__ = ["Bandwidth", "default_radius", "per_joint", "register_bandwidth", "shown"]
 
 Bandwidth = float | Sequence[float] | Tensor
 
@@ -18,6 +18,12 @@ def per_joint(value: Bandwidth, like: Tensor) -> float | Tensor:
     if isinstance(value, int | float):
         return float(value)
     return torch.as_tensor(value).to(like)[..., None]
+
+
+def shown(value: Tensor) -> str:
+    """A bandwidth as it was typed, for ``repr``: float32 turns 0.1 into 0.10000000149."""
+    numbers = [f"{number:.4g}" for number in value.reshape(-1).tolist()]
+    return f"[{', '.join(numbers)}]" if value.dim() else numbers[0]
 
 
 def default_radius(sigma_t: Bandwidth) -> int:

@@ -13,6 +13,7 @@ from torchquat.filters._bandwidth import (
     default_radius,
     per_joint,
     register_bandwidth,
+    shown,
 )
 from torchquat.filters._lee_shin import tangent_mean
 from torchquat.timeline import BOUNDARIES, Boundary
@@ -105,6 +106,9 @@ class BilateralFilter(nn.Module):
     them.
     """
 
+    log_sigma_t: Tensor
+    log_sigma_g: Tensor
+
     def __init__(
         self,
         sigma_t: float | Sequence[float] = 1.0,
@@ -157,7 +161,7 @@ class BilateralFilter(nn.Module):
     def extra_repr(self) -> str:
         """Bandwidths, window and options."""
         return (
-            f"sigma_t={self.sigma_t.tolist()}, sigma_g={self.sigma_g.tolist()}, "
+            f"sigma_t={shown(self.sigma_t)}, sigma_g={shown(self.sigma_g)}, "
             f"radius={self.radius}, kernel={self.kernel!r}, iterations={self.iterations}, "
             f"boundary={self.boundary!r}, causal={self.causal}"
         )

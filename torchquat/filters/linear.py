@@ -12,6 +12,7 @@ from torchquat.filters._bandwidth import (
     default_radius,
     per_joint,
     register_bandwidth,
+    shown,
 )
 from torchquat.filters._lee_shin import tangent_mean
 from torchquat.timeline import BOUNDARIES, Boundary
@@ -127,6 +128,8 @@ class LinearFilter(nn.Module):
             value, or ``boundary`` is not a known name.
     """
 
+    mask: Tensor
+
     def __init__(self, mask: Sequence[float] | Tensor, *, boundary: Boundary = "reflect") -> None:
         super().__init__()
         check_choice("boundary", boundary, BOUNDARIES)
@@ -153,6 +156,8 @@ class GaussianFilter(nn.Module):
     The bandwidth is stored as its logarithm: an optimiser step keeps it positive, and ``.to()`` and
     ``state_dict()`` include it whether or not it is ``learnable``. The radius does not follow it.
     """
+
+    log_sigma_t: Tensor
 
     def __init__(
         self,
@@ -190,7 +195,7 @@ class GaussianFilter(nn.Module):
     def extra_repr(self) -> str:
         """Bandwidth, window and boundary."""
         return (
-            f"sigma_t={self.sigma_t.tolist()}, radius={self.radius}, "
+            f"sigma_t={shown(self.sigma_t)}, radius={self.radius}, "
             f"boundary={self.boundary!r}, causal={self.causal}"
         )
 

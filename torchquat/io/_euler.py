@@ -45,7 +45,7 @@ def nearest_euler(q: Tensor, axes: str, start_deg: Array) -> Array:
     order = axes + "".join(axis for axis in "XYZ" if axis not in axes)
     start = np.zeros((*start_deg.shape[:-1], 3))
     start[..., : len(axes)] = np.deg2rad(start_deg)
-    first = roma.unitquat_to_euler(order, q, epsilon=1e-12).numpy()
+    first = np.asarray(roma.unitquat_to_euler(order, q, epsilon=1e-12))
     first = np.concatenate([start[None], _leave_lock(q, first, order, start)])
     second = np.stack([first[..., 0] + np.pi, np.pi - first[..., 1], first[..., 2] + np.pi], -1)
 

@@ -2,6 +2,7 @@
 
 import io
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
@@ -38,7 +39,7 @@ class Archive:
             with zipfile.ZipFile(path) as file:
                 self._check_names(file.infolist())
                 self.entries = [(info, file.read(info)) for info in file.infolist()]
-        except (zipfile.BadZipFile, NotImplementedError, EOFError, zipfile.zlib.error) as error:
+        except (zipfile.BadZipFile, NotImplementedError, EOFError, zlib.error) as error:
             raise FormatError(f"{path}: expected an npz archive, got {error}") from None
         for info, content in self.entries:
             self._check_header(info, content)

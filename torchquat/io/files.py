@@ -50,13 +50,9 @@ def save(motion: Motion, path: str | os.PathLike[str]) -> None:
         OSError: If the file cannot be written.
     """
     path = Path(path)
-    if _format(path) == ".bvh":
-        own = isinstance(motion.source, BvhSource)
-        content = motion.source.render(motion) if own else new_bvh(motion)
-    else:
-        own = isinstance(motion.source, NpzSource)
-        content = motion.source.render(motion) if own else new_npz(motion)
-    _write(path, content)
+    kind, new = (BvhSource, new_bvh) if _format(path) == ".bvh" else (NpzSource, new_npz)
+    source = motion.source
+    _write(path, source.render(motion) if isinstance(source, kind) else new(motion))
 
 
 def _format(path: Path) -> str:
