@@ -37,7 +37,7 @@ def gaussian(
     """
     check_layout(q)
     work = q.float() if q.dtype.itemsize < 4 else q
-    scale = torch.as_tensor(sigma).to(work)
+    scale = torch.as_tensor(sigma, dtype=work.dtype, device=work.device)
     if not bool((scale.isfinite() & (scale >= 0)).all()):
         raise ValueError(f"sigma must be finite and >= 0, got {sigma}.")
     draw = torch.randn(

@@ -218,7 +218,7 @@ def _masked_mean(
 
 def _as_mask(mask: Tensor | Sequence[float], like: Tensor) -> Tensor:
     """Mask ``(2k + 1, J or 1, 1)`` in the dtype of ``like``."""
-    mask = torch.as_tensor(mask).to(like)
+    mask = torch.as_tensor(mask, dtype=like.dtype, device=like.device)
     if mask.dim() not in (1, 2) or len(mask) % 2 == 0:
         raise ValueError(f"mask must have shape (2k + 1,) or (2k + 1, J), got {tuple(mask.shape)}.")
     return mask.reshape(len(mask), -1, 1)
