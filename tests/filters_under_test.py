@@ -1,0 +1,22 @@
+"""All filters of the package, as modules, by what they promise."""
+
+from torch import nn
+
+from torchquat import BilateralFilter, GaussianFilter, LinearFilter
+
+SYMMETRIC: dict[str, nn.Module] = {
+    "gaussian": GaussianFilter(1.5),
+    "gaussian-truncate": GaussianFilter(1.5, boundary="truncate"),
+    "linear": LinearFilter([-0.1, 0.3, 0.6, 0.3, -0.1], boundary="extrapolate"),
+    "bilateral": BilateralFilter(1.5, 0.5, iterations=2),
+    "bilateral-circular": BilateralFilter(1.5, 0.5, boundary="circular"),
+    "bilateral-exponential": BilateralFilter(1.5, 0.5, kernel="exponential"),
+    "bilateral-per-joint": BilateralFilter([1.0, 1.5, 2.0], 0.5, boundary="replicate"),
+}
+CAUSAL: dict[str, nn.Module] = {
+    "gaussian-causal": GaussianFilter(1.5, causal=True),
+    "linear-causal": LinearFilter([1.0, 2.0, 3.0, 0.0, 0.0]),
+    "bilateral-causal": BilateralFilter(1.5, 0.5, causal=True, iterations=2),
+}
+ASYMMETRIC: dict[str, nn.Module] = {"linear-asymmetric": LinearFilter([0.1, 0.2, 0.5, 0.3, 0.4])}
+ALL = SYMMETRIC | CAUSAL | ASYMMETRIC
