@@ -137,6 +137,9 @@ def inverse(q: Tensor) -> Tensor:
 def relative(a: Tensor, b: Tensor) -> Tensor:
     """The rotation from ``a`` to ``b`` in the body frame of ``a``: ``a^-1 b``.
 
+    Computed as ``1 + a^-1 (b - a)``: the difference of neighbours is exact, so small angles keep
+    their relative precision, where the product itself would lose 1e-3 of 1e-4 rad in float32.
+
     Args:
         a: Unit quaternions ``(..., 4)``.
         b: Unit quaternions ``(..., 4)``.
@@ -144,7 +147,10 @@ def relative(a: Tensor, b: Tensor) -> Tensor:
     Returns:
         Unit quaternions ``(..., 4)``.
     """
-    return compose(inverse(a), b)
+    opposite = (a.detach() * b.detach()).sum(-1, keepdim=True) < 0
+    difference = compose(inverse(a), torch.where(opposite, -b, b) - a)
+    near = difference + a.new_tensor([0.0, 0.0, 0.0, 1.0])
+    return torch.where(opposite, -near, near)
 
 
 def slerp(a: Tensor, b: Tensor, t: float | Tensor) -> Tensor:
