@@ -120,6 +120,8 @@ def _source(wanted: Tensor, frames: int, boundary: Boundary) -> Tensor:
 
 def _continue(q: Tensor, padded: Tensor, overshoot: Tensor) -> Tensor:
     """Turn on from both edges with the increment found there; one frame stands still."""
-    edges = q[..., [0, -2 % q.shape[-3]], :, :], q[..., [1 % q.shape[-3], -1], :, :]
-    start, end = so3.log(so3.relative(*edges)).split(1, -3)
+    last = q.shape[-3] - 1
+    first = q.index_select(-3, torch.arange(2, device=q.device).clamp(max=last))
+    final = q.index_select(-3, torch.arange(last - 1, last + 1, device=q.device).clamp(min=0))
+    start, end = (so3.log(so3.relative(*pair.split(1, -3))) for pair in (first, final))
     return so3.compose(padded, so3.exp(overshoot * torch.where(overshoot < 0, start, end)))

@@ -13,10 +13,14 @@ __all__ = ["Bandwidth", "default_radius", "per_joint", "register_bandwidth", "sh
 Bandwidth = float | Sequence[float] | Tensor
 
 
-def per_joint(value: Bandwidth, like: Tensor) -> float | Tensor:
+def per_joint(name: str, value: Bandwidth, like: Tensor) -> float | Tensor:
     """Shape a bandwidth so that it broadcasts to ``(..., T, J, 1)``, in the dtype of ``like``."""
     if isinstance(value, int | float):
         return float(value)
+    joints = like.shape[-2]
+    if not isinstance(value, Tensor) or value.dim():
+        if len(value) not in (1, joints):
+            raise ValueError(f"{name} must be one value or one per joint ({joints}), got {value}.")
     # straight to the dtype: a detour over float32 would cost 1e-8 of every number in a list
     return torch.as_tensor(value, dtype=like.dtype, device=like.device)[..., None]
 

@@ -81,7 +81,10 @@ def bilateral_filter(
     boundary = timeline.past_boundary(boundary, causal)
     prepared, confidence = timeline.prepare(q, weight, causal=causal)
     weigh = _gaussian if kernel == "gaussian" else _exponential
-    sigma_t, sigma_g = per_joint(sigma_t, prepared), per_joint(sigma_g, prepared)
+    sigma_t, sigma_g = (
+        per_joint("sigma_t", sigma_t, prepared),
+        per_joint("sigma_g", sigma_g, prepared),
+    )
 
     def weigh_both(lag: int, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
         m = weigh(lag, first, second, sigma_t, sigma_g)

@@ -110,7 +110,7 @@ def gaussian_filter(
     check_count("radius", radius, 0)
     unit, confidence = timeline.prepare(q, weight, causal=causal)
     half = torch.arange(radius + 1, dtype=unit.dtype, device=unit.device)[:, None, None]
-    half = torch.exp(-0.5 * (half / per_joint(sigma_t, unit)).square())
+    half = torch.exp(-0.5 * (half / per_joint("sigma_t", sigma_t, unit)).square())
     mask = torch.cat([half.flip(0), half[1:]])
     boundary = timeline.past_boundary(boundary, causal)
     step, _ = _masked_mean(unit, confidence, mask, boundary=boundary, causal=causal)
@@ -221,4 +221,7 @@ def _as_mask(mask: Tensor | Sequence[float], like: Tensor) -> Tensor:
     mask = torch.as_tensor(mask, dtype=like.dtype, device=like.device)
     if mask.dim() not in (1, 2) or len(mask) % 2 == 0:
         raise ValueError(f"mask must have shape (2k + 1,) or (2k + 1, J), got {tuple(mask.shape)}.")
+    if like.dim() > 2 and mask.dim() == 2 and mask.shape[1] not in (1, like.shape[-2]):
+        joints = like.shape[-2]
+        raise ValueError(f"mask must have one column or {joints}, got {mask.shape[1]}.")
     return mask.reshape(len(mask), -1, 1)

@@ -1,0 +1,151 @@
+"""Odd values in, part A of the contract: every filter ends in a result or in one clear error.
+
+Rows about signs, scale, missing frames and constant motion stand in ``test_invariances.py``, those
+about single rotations in ``test_so3.py``.
+"""
+
+import math
+
+import pytest
+import torch
+from filters_under_test import ALL
+from motions import (
+    BOUND,
+    IDENTITY,
+    angle_between,
+    assert_same_rotation,
+    random_rotations,
+    smooth_motion,
+)
+from torch.autograd import gradcheck, gradgradcheck
+
+from torchquat import BilateralFilter, GaussianFilter, LinearFilter, bilateral_filter
+
+GRADIENT = {"eps": 1e-6, "atol": 1e-5, "rtol": 1e-3}
+
+
+@pytest.fixture(params=ALL)
+def run(request):
+    return ALL[request.param]
+
+
+def bilateral(q):
+    return bilateral_filter(q, sigma_t=0.8, sigma_g=0.5, radius=1)
+
+
+@pytest.mark.parametrize("scale", [1.0, -1.0, 2.0, -2.0])
+@pytest.mark.parametrize("kernel", ["gaussian", "exponential"])
+def test_A1_A2_C7_derivatives_at_identity(scale, kernel):
+    """The exponential kernel has a kink at equal neighbours: its first derivatives are finite."""
+    q = (scale * IDENTITY).expand(4, 1, 4).clone().requires_grad_()
+
+    def run(q):
+        return bilateral_filter(q, sigma_t=0.8, sigma_g=0.5, radius=1, kernel=kernel)
+
+    assert_same_rotation(run(q), IDENTITY.expand(4, 1, 4))
+    run(q).cumsum(-1).sum().backward()
+    assert q.grad.isfinite().all()
+    if kernel == "gaussian":
+        assert gradcheck(run, (q,), **GRADIENT)
+        assert gradgradcheck(run, (q,), **GRADIENT)
+
+
+def test_A5_opposite_neighbours(run, rng):
+    q = random_rotations(1, 3, rng=rng)
+    pair = torch.cat([q, -q]).requires_grad_()
+    assert_same_rotation(run(pair), pair)
+    run(pair).cumsum(-1).sum().backward()
+    assert pair.grad.isfinite().all()
+
+
+@pytest.mark.parametrize("w", [0.0, -0.0])
+def test_A8_half_turns_between_neighbours(w, run, dtype):
+    """Both ways round are equally short: either is a result, NaN is none."""
+    q = IDENTITY.to(dtype).expand(6, 3, 4).clone()
+    q[3:] = torch.tensor([0.6, 0.0, 0.8, w], dtype=dtype)
+    q.requires_grad_()
+    result = run(q)
+    result.cumsum(-1).sum().backward()
+    assert result.isfinite().all() and q.grad.isfinite().all()
+
+
+@pytest.mark.parametrize("off", [1e-2, 2e-3])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_A9_derivatives_near_half_turns(off, side):
+    half = (math.pi + side * off) / 2
+    turn = torch.tensor([0.6 * math.sin(half), 0.0, 0.8 * math.sin(half), math.cos(half)])
+    q = torch.stack([IDENTITY, turn.double(), IDENTITY])[:, None].requires_grad_()
+    assert gradcheck(bilateral, (q,), **GRADIENT)
+
+
+@pytest.mark.parametrize("norm", [1e-30, 1e-20, 1e20, 1e30])
+def test_A12_norms_of_any_size(norm, run, rng, dtype):
+    q = smooth_motion(rng=rng)
+    assert_same_rotation(run((q * norm).to(dtype)), run(q.to(dtype)))
+
+
+def test_A12_half_precision_at_its_end(run, rng):
+    q = smooth_motion(rng=rng, dtype=torch.float16)
+    assert_same_rotation(run(q / q.abs().amax(-1, keepdim=True) * 6e4), run(q))
+
+
+@pytest.mark.parametrize("bad", [torch.nan, torch.inf, -torch.inf])
+@pytest.mark.parametrize("where", ["first", "last", "half"])
+def test_A15_A16_gaps_at_the_ends_are_held(bad, where, run, rng):
+    q = smooth_motion(frames=12, rng=rng)
+    missing = {"first": slice(0, 1), "last": slice(11, 12), "half": slice(0, 6)}[where]
+    present = {"first": slice(1, 12), "last": slice(0, 11), "half": slice(6, 12)}[where]
+    q[missing, 1] = bad
+    result = run(q)
+    assert result.isfinite().all()
+    # as near to the held frame as the filter's window lets neighbours pull it
+    nearest = q[present, 1][0 if where != "last" else -1]
+    assert angle_between(result[missing, 1], nearest).max() < 0.8
+
+
+def test_A17_A18_whole_joints_and_items_missing(run, rng):
+    q = smooth_motion(2, rng=rng)
+    spoiled = q.clone()
+    spoiled[0, :, 1] = torch.nan
+    result = run(spoiled)
+    assert torch.equal(result[1], run(q)[1])
+    assert torch.equal(result[0, :, [0, 2]], run(q)[0, :, [0, 2]])
+    assert torch.equal(result[0, :, 1], IDENTITY.expand(20, 4))
+    assert run(torch.full_like(q, torch.nan)).isfinite().all()
+
+
+def test_A20_all_directions_equally_likely(run):
+    """Half turns about all axes: nothing tells where the mean lies, yet gradients are finite."""
+    q = torch.eye(4).double()[:, None].repeat(2, 3, 1).requires_grad_()
+    result = run(q)
+    result.cumsum(-1).sum().backward()
+    assert result.isfinite().all() and q.grad.isfinite().all()
+
+
+def test_A21_rounding_noise_is_not_amplified(run, rng, dtype):
+    q = random_rotations(1, 3, rng=rng).expand(30, 3, 4)
+    q = (q + 2 * torch.finfo(dtype).eps * torch.randn(30, 3, 4, generator=rng).double()).to(dtype)
+    steps = [angle_between(each[1:], each[:-1]).max() for each in (q, run(q))]
+    assert steps[1] <= steps[0] + BOUND[dtype]
+
+
+def test_A22_largest_finite_components(run, rng, dtype):
+    q = smooth_motion(rng=rng, dtype=dtype)
+    q[4] = torch.finfo(dtype).max
+    q[5, :, :2] = torch.finfo(dtype).max
+    assert run(q).isfinite().all()
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize(
+    ("build", "name"),
+    [
+        (lambda v: BilateralFilter(v), "sigma_t"),
+        (lambda v: BilateralFilter(1.0, v), "sigma_g"),
+        (lambda v: GaussianFilter(v), "sigma_t"),
+        (lambda v: LinearFilter([v]), "mask"),
+    ],
+)
+def test_A23_parameters_out_of_range(build, name, value):
+    with pytest.raises(ValueError, match=f"{name} must be"):
+        build(value)

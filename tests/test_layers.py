@@ -1,0 +1,87 @@
+"""The shape of the code: imports run downward, nothing else is needed, files stay small."""
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "torchquat"
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+EVERYTHING = [*SOURCES, *sorted((ROOT / "examples").glob("*.py"))]
+
+# A module imports only from ranks below its own, or from its own folder.
+RANKS = {
+    "torchquat._checks": 0,
+    "torchquat.so3": 1,
+    "torchquat.missing": 2,
+    "torchquat.timeline": 3,
+    "torchquat.noise": 4,
+    "torchquat.metrics": 4,
+    "torchquat.skeleton": 4,
+    "torchquat.filters": 5,
+    "torchquat.io": 6,
+    "torchquat": 7,
+}
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def rank(name: str) -> int:
+    while name not in RANKS:
+        name = name.rpartition(".")[0]
+    return RANKS[name]
+
+
+def imports(path: Path) -> set[str]:
+    """Full names of all that a file imports."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            assert node.module
+            inside = node.module == "torchquat"
+            found |= {f"{node.module}.{a.name}" for a in node.names} if inside else {node.module}
+    return found
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=module_name)
+def test_imports_run_downward(path):
+    own = module_name(path)
+    for name in imports(path):
+        if name.split(".")[0] != "torchquat":
+            continue
+        same_folder = own.split(".")[:2] == name.split(".")[:2] and own != "torchquat"
+        assert name != "torchquat", f"{own} imports the package itself"
+        assert same_folder or rank(name) < rank(own), f"{own} imports {name} from above"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=module_name)
+def test_needs_torch_numpy_and_roma_only(path):
+    for name in imports(path):
+        top = name.split(".")[0]
+        assert top in {"torchquat", "torch", "numpy", "roma"} | sys.stdlib_module_names, name
+
+
+@pytest.mark.parametrize("path", EVERYTHING, ids=lambda path: path.stem)
+def test_E11_nothing_runs_a_pickle_or_unsafe_yaml(path):
+    text = path.read_text(encoding="utf-8")
+    for unsafe in ("allow_pickle=True", "yaml.load(", "weights_only=False", "import pickle"):
+        assert unsafe not in text
+    assert "torch.load(" not in text or "weights_only=True" in text
+
+
+@pytest.mark.parametrize("path", EVERYTHING, ids=lambda path: path.stem)
+def test_files_stay_small(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 300
+
+
+def test_every_module_has_a_rank():
+    assert all(rank(module_name(path)) >= 0 for path in SOURCES)
+    assert (PACKAGE / "py.typed").exists()
