@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 import torch
 
+torch.set_num_threads(1)  # one process a core runs the suite: more threads only wait for each other
+
 SHARED_DATA = Path(__file__).parents[2] / "shared" / "data"
 
 
