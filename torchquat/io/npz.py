@@ -220,7 +220,7 @@ def _read_amass(archive: Archive) -> Motion:
     parts = {key: span for key, span in _PARTS.get(width, {}).items() if key in archive.keys}
     dtypes = {key: _check_part(archive, key, stored[:, slice(*parts[key])]) for key in parts}
 
-    q = so3.exp(torch.from_numpy(stored.astype(np.float64)).reshape(frames, -1, 3))
+    q = so3.exp(torch.from_numpy(stored.astype(np.float64)).reshape(frames, width // 3, 3))
     return Motion(
         q=q,
         frame_rate=_number(archive, rates[0]),
