@@ -114,7 +114,7 @@ def _denoise_all(arguments: jsonargparse.Namespace) -> int:
     for done, line in tqdm(results, total=len(tasks), unit="file", disable=None):
         tqdm.write(line if done else f"error: {line}", file=sys.stdout if done else sys.stderr)
         failed += not done
-    if failed:
+    if failed and len(tasks) > 1:
         print(f"error: {failed} of {len(tasks)} files failed", file=sys.stderr)
     return 1 if failed else 0
 

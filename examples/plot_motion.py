@@ -38,10 +38,17 @@ def plot_motion(
         figures: How many.
 
     Raises:
-        ValueError: If the motions differ in shape, have no skeleton, or lack the joint.
+        ValueError: If the motions differ, have no skeleton, or lack the joint or the frame.
     """
-    if before.skeleton is None or before.q.shape != after.q.shape:
-        raise ValueError("both motions must have one skeleton and one number of frames.")
+    if before.skeleton is None or after.skeleton is None:
+        raise ValueError("both motions must have a skeleton.")
+    if before.names != after.names or len(before.q) != len(after.q):
+        raise ValueError(
+            f"both motions must have the same joints and frames, got {len(before.q)} frames of "
+            f"{before.names} and {len(after.q)} of {after.names}."
+        )
+    if not 0 <= start < len(before.q):
+        raise ValueError(f"start must be in [0, {len(before.q)}), got {start}.")
     (index,) = before.skeleton.index([joint])
     figure, axes = plt.subplots(3, 1, figsize=(12, 8), height_ratios=[1.2, 1.0, 1.0])
     draw_speed(axes[0], before, after, index)
