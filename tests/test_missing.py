@@ -75,6 +75,14 @@ def test_A14_no_gradient_reaches_a_missing_frame(rng):
     assert q.grad.isfinite().all() and not q.grad[2].any() and q.grad[1].any()
 
 
+def test_A17_no_gradient_reaches_a_joint_missing_throughout(rng):
+    """Its values are passed on, as nothing better is known; they are not to be trained on."""
+    q = smooth_motion(frames=5, joints=2, rng=rng).requires_grad_()
+    weight = torch.tensor([0.0, 1.0]).double().expand(5, 2)
+    fill_missing(q, weight).square().cumsum(-1).sum().backward()
+    assert not q.grad[:, 0].any() and q.grad[:, 1].any()
+
+
 def test_values_under_weight_0_do_not_matter(rng):
     q = random_rotations(5, 1, rng=rng)
     weight = torch.tensor([1.0, 1.0, 0.0, 1.0, 1.0]).double()[:, None]

@@ -101,6 +101,7 @@ def interpolate(q: Tensor, present: Tensor, *, causal: bool = False) -> Tensor:
     fraction = (frame - left) / (right - left).clamp(min=1).to(q.dtype)
     source = torch.where(present[..., None], q, q.detach())  # no gradient to a missing frame
     # gather, not take_along_dim: that one ties an exported program to the length it was traced with
-    ends = (source.gather(-3, side[..., None].expand_as(source)) for side in (left, right))
-    filled = so3.slerp(*ends, fraction[..., None])
+    first = source.gather(-3, left[..., None].expand_as(source))
+    second = source.gather(-3, right[..., None].expand_as(source))
+    filled = so3.slerp(first, second, fraction[..., None])
     return torch.where(present[..., None], q, filled)
