@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-__all__ = ["check_choice", "check_count", "check_layout", "check_positive", "check_weight"]
+__all__ = ["check_choice", "check_count", "check_layout", "check_positive", "check_signal"]
 
 
 def check_layout(q: Tensor, name: str = "q") -> None:
@@ -22,7 +22,14 @@ def check_layout(q: Tensor, name: str = "q") -> None:
         raise ValueError(f"{name} must have shape (..., T, J, 4), got {tuple(q.shape)}.{hint}")
 
 
-def check_weight(weight: Tensor, q: Tensor) -> None:
+def check_signal(q: Tensor, weight: Tensor | None) -> None:
+    """Raise unless ``q`` is ``(..., T, J, 4)`` and ``weight`` fits it, where there is one."""
+    check_layout(q)
+    if weight is not None:
+        _check_weight(weight, q)
+
+
+def _check_weight(weight: Tensor, q: Tensor) -> None:
     """Raise unless ``weight`` is a mask or confidence that broadcasts to ``q.shape[:-1]``."""
     if not isinstance(weight, Tensor):
         raise TypeError(f"weight must be a torch.Tensor, got {type(weight).__name__}.")

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from torchquat import so3
-from torchquat._checks import check_layout, check_weight
+from torchquat._checks import check_signal
 
 __all__ = ["confidence", "fill_missing", "interpolate", "validity"]
 
@@ -46,9 +46,7 @@ def validity(q: Tensor, weight: Tensor | None = None) -> Tensor:
         TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
         ValueError: If a shape or device does not fit.
     """
-    check_layout(q)
-    if weight is not None:
-        check_weight(weight, q)
+    check_signal(q, weight)
     return confidence(q, weight) > 0
 
 
@@ -71,9 +69,7 @@ def fill_missing(q: Tensor, weight: Tensor | None = None, *, causal: bool = Fals
         TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
         ValueError: If a shape or device does not fit.
     """
-    check_layout(q)
-    if weight is not None:
-        check_weight(weight, q)
+    check_signal(q, weight)
     work = q.float() if q.dtype.itemsize < 4 else q
     present = confidence(work, weight) > 0
     return interpolate(so3.normalize(work), present, causal=causal).to(q.dtype)

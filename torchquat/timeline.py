@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from torchquat import missing, so3
-from torchquat._checks import check_choice, check_layout, check_weight
+from torchquat._checks import check_choice, check_signal
 
 __all__ = ["BOUNDARIES", "Boundary", "pad", "past_boundary", "prepare", "restore"]
 
@@ -46,9 +46,7 @@ def prepare(
         TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
         ValueError: If a shape or device does not fit.
     """
-    check_layout(q)
-    if weight is not None:
-        check_weight(weight, q)
+    check_signal(q, weight)
     work = q.float() if q.dtype.itemsize < 4 else q
     confidence = missing.confidence(work, weight)
     unit = so3.normalize(work)
