@@ -2,7 +2,7 @@
 
 from torch import nn
 
-from torchquat import BilateralFilter, GaussianFilter, LinearFilter
+from torchquat import BilateralFilter, GaussianFilter, LinearFilter, NonLocalPoseMeans
 
 SYMMETRIC: dict[str, nn.Module] = {
     "gaussian": GaussianFilter(1.5),
@@ -12,11 +12,21 @@ SYMMETRIC: dict[str, nn.Module] = {
     "bilateral-circular": BilateralFilter(1.5, 0.5, boundary="circular"),
     "bilateral-exponential": BilateralFilter(1.5, 0.5, kernel="exponential"),
     "bilateral-per-joint": BilateralFilter([1.0, 1.5, 2.0], 0.5, boundary="replicate"),
+    "nonlocal-joint": NonLocalPoseMeans(0.3, patch_radius=1, search_radius=4, groups="joint"),
 }
 CAUSAL: dict[str, nn.Module] = {
     "gaussian-causal": GaussianFilter(1.5, causal=True),
     "linear-causal": LinearFilter([1.0, 2.0, 3.0, 0.0, 0.0]),
     "bilateral-causal": BilateralFilter(1.5, 0.5, causal=True, iterations=2),
+    "nonlocal-causal": NonLocalPoseMeans(
+        0.3, patch_radius=1, search_radius=4, groups="joint", causal=True
+    ),
 }
 ASYMMETRIC: dict[str, nn.Module] = {"linear-asymmetric": LinearFilter([0.1, 0.2, 0.5, 0.3, 0.4])}
-ALL = SYMMETRIC | CAUSAL | ASYMMETRIC
+MIXING: dict[str, nn.Module] = {
+    "nonlocal-pose": NonLocalPoseMeans(0.3, patch_radius=1, search_radius=4, boundary="reflect"),
+}
+"""Filters whose joints share weights, on purpose; symmetric in time."""
+ALL = SYMMETRIC | CAUSAL | ASYMMETRIC | MIXING
+APART = {name: run for name, run in ALL.items() if name not in MIXING}
+"""Filters that treat every joint as if it were alone."""

@@ -66,7 +66,12 @@ def check_missing_frame_stays_alone(run: Filter, q: Tensor) -> None:
     result = run(spoiled)
     assert result.isfinite().all(), "a missing frame spreads"
     assert_same_rotation(result, run(q, weight))
-    assert torch.equal(result[..., 1:, :], run(q)[..., 1:, :])
+
+
+def check_missing_frame_leaves_other_joints(run: Filter, q: Tensor) -> None:
+    spoiled = q.clone()
+    spoiled[..., q.shape[-3] // 2, 0, 2] = torch.nan
+    assert torch.equal(run(spoiled)[..., 1:, :], run(q)[..., 1:, :]), "joints mix"
 
 
 def check_missing_frame_has_no_gradient(run: Filter, q: Tensor) -> None:

@@ -5,13 +5,14 @@ import torch
 from motions import IDENTITY, assert_same_rotation, smooth_motion
 from torch import nn
 
-from torchquat import BilateralFilter, GaussianFilter, LinearFilter
+from torchquat import BilateralFilter, GaussianFilter, LinearFilter, NonLocalPoseMeans
 
 FILTERS = {
     "gaussian": GaussianFilter(0.6),
     "linear": LinearFilter([-0.1, 1.2, -0.1], boundary="extrapolate"),
     "bilateral": BilateralFilter(0.6, 0.5, iterations=2),
     "bilateral-exponential-causal": BilateralFilter(0.6, 0.5, kernel="exponential", causal=True),
+    "nonlocal": NonLocalPoseMeans(0.2, patch_radius=1, search_radius=2),
 }
 
 

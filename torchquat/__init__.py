@@ -5,9 +5,11 @@ from torchquat.filters import (
     BilateralFilter,
     GaussianFilter,
     LinearFilter,
+    NonLocalPoseMeans,
     bilateral_filter,
     gaussian_filter,
     linear_filter,
+    nonlocal_pose_means,
 )
 from torchquat.missing import fill_missing, validity
 from torchquat.skeleton import Skeleton
@@ -16,6 +18,7 @@ __all__ = [
     "BilateralFilter",
     "GaussianFilter",
     "LinearFilter",
+    "NonLocalPoseMeans",
     "Skeleton",
     "bilateral_filter",
     "fill_missing",
@@ -24,6 +27,7 @@ __all__ = [
     "linear_filter",
     "metrics",
     "noise",
+    "nonlocal_pose_means",
     "so3",
     "validity",
 ]

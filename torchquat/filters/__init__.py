@@ -7,12 +7,15 @@ from torchquat.filters.linear import (
     gaussian_filter,
     linear_filter,
 )
+from torchquat.filters.nonlocal_means import NonLocalPoseMeans, nonlocal_pose_means
 
 __all__ = [
     "BilateralFilter",
     "GaussianFilter",
     "LinearFilter",
+    "NonLocalPoseMeans",
     "bilateral_filter",
     "gaussian_filter",
     "linear_filter",
+    "nonlocal_pose_means",
 ]
