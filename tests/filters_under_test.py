@@ -2,7 +2,13 @@
 
 from torch import nn
 
-from torchquat import BilateralFilter, GaussianFilter, LinearFilter, NonLocalPoseMeans
+from torchquat import (
+    BilateralFilter,
+    GaussianFilter,
+    LiftingDenoiser,
+    LinearFilter,
+    NonLocalPoseMeans,
+)
 
 SYMMETRIC: dict[str, nn.Module] = {
     "gaussian": GaussianFilter(1.5),
@@ -22,7 +28,15 @@ CAUSAL: dict[str, nn.Module] = {
         0.3, patch_radius=1, search_radius=4, groups="joint", causal=True
     ),
 }
-ASYMMETRIC: dict[str, nn.Module] = {"linear-asymmetric": LinearFilter([0.1, 0.2, 0.5, 0.3, 0.4])}
+ASYMMETRIC: dict[str, nn.Module] = {
+    "linear-asymmetric": LinearFilter([0.1, 0.2, 0.5, 0.3, 0.4]),
+    "lifting-haar": LiftingDenoiser("haar", levels=3, rule=0.1),
+    "lifting-linear": LiftingDenoiser("linear", shrinkage="garrote"),
+    "lifting-squad": LiftingDenoiser("squad", levels=2, rule="sure", cycle_spins=3),
+    "lifting-bezier": LiftingDenoiser("bezier", levels=3, rule="bayes"),
+    "lifting-finest": LiftingDenoiser("linear", levels=3, rule="finest"),
+}
+"""One side counts more than the other, or even frames for something else than odd ones."""
 MIXING: dict[str, nn.Module] = {
     "nonlocal-pose": NonLocalPoseMeans(0.3, patch_radius=1, search_radius=4, boundary="reflect"),
 }

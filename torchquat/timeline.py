@@ -8,7 +8,15 @@ from torch import Tensor
 from torchquat import missing, so3
 from torchquat._checks import check_choice, check_signal
 
-__all__ = ["BOUNDARIES", "Boundary", "pad", "past_boundary", "prepare", "restore"]
+__all__ = [
+    "BOUNDARIES",
+    "Boundary",
+    "first_frames",
+    "pad",
+    "past_boundary",
+    "prepare",
+    "restore",
+]
 
 Boundary = Literal["truncate", "replicate", "reflect", "extrapolate", "circular"]
 """What stands outside the sequence ``abcd`` in a window of radius 3:
@@ -123,3 +131,8 @@ def _continue(q: Tensor, padded: Tensor, overshoot: Tensor) -> Tensor:
     final = q.index_select(-3, torch.arange(last - 1, last + 1, device=q.device).clamp(min=0))
     start, end = (so3.log(so3.relative(*pair.split(1, -3))) for pair in (first, final))
     return so3.compose(padded, so3.exp(overshoot * torch.where(overshoot < 0, start, end)))
+
+
+def first_frames(x: Tensor, frames: int, dim: int = -3) -> Tensor:
+    """The first frames of ``x``; unlike a slice, this leaves an exported program's length open."""
+    return x.index_select(dim, torch.arange(frames, device=x.device))

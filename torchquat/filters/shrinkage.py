@@ -1,0 +1,206 @@
+"""Denoising by the shrinkage of lifting details."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from torchquat import so3, timeline
+from torchquat._checks import check_choice, check_count
+from torchquat.filters._thresholds import (
+    RULES,
+    SHRINKAGES,
+    Rule,
+    Shrinkage,
+    detail_validity,
+    finest_noise,
+    norm,
+    shrink,
+    threshold,
+)
+from torchquat.filters.lifting import LiftingStep, LiftingTransform, Pyramid, Wavelet
+
+__all__ = [
+    "LiftingDenoiser",
+    "Rule",
+    "Shrinkage",
+    "lifting_denoiser",
+]
+
+DEFAULT_LEVELS = 4
+
+
+class LiftingDenoiser(nn.Module):
+    """Module form of :func:`lifting_denoiser`; arguments as there.
+
+    Args:
+        wavelet: As in :class:`LiftingTransform`.
+        levels: As in :func:`lifting_denoiser`.
+        rule: As there.
+        shrinkage: As there.
+        cycle_spins: As there.
+        learnable: Multiply the thresholds by factors that are learned, one per level, kept as
+            logarithms (``log_scale``, coarsest first). Not for the rule ``"finest"``, which has
+            no thresholds.
+    """
+
+    log_scale: Tensor | None
+
+    def __init__(
+        self,
+        wavelet: Wavelet | LiftingStep | Sequence[LiftingStep] = "linear",
+        *,
+        levels: int | None = None,
+        rule: Rule | float | Sequence[float] = "universal",
+        shrinkage: Shrinkage = "soft",
+        cycle_spins: int = 1,
+        learnable: bool = False,
+    ) -> None:
+        super().__init__()
+        if levels is None:
+            alone = isinstance(wavelet, str | LiftingStep)
+            levels = DEFAULT_LEVELS if alone else len(wavelet)
+        check_count("cycle_spins", cycle_spins, 1)
+        check_choice("shrinkage", shrinkage, SHRINKAGES)
+        self.transform = LiftingTransform(wavelet, levels=levels)
+        self.levels = levels
+        self.shrinkage: Shrinkage = shrinkage
+        self.cycle_spins = cycle_spins
+        self.rule: Rule | float | Sequence[float] = rule
+        self.thresholds = _fixed(rule, levels)
+        if learnable and self.rule == "finest":
+            raise ValueError("learnable must be False for the rule 'finest': it has no thresholds.")
+        self.log_scale = nn.Parameter(torch.zeros(levels)) if learnable else None
+        self.noise_gain = _noise_gain(self.transform, levels)
+
+    def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
+        """Filter unit quaternions ``(..., T, J, 4)``."""
+        unit, confidence = timeline.prepare(q, weight)
+        present = confidence[..., 0] > 0
+        sigma = finest_noise(unit, present)
+        spins = [self._spin(unit, confidence, sigma, shift) for shift in range(self.cycle_spins)]
+        first = spins[0]
+        step = torch.zeros_like(first[..., :3])
+        for other in spins[1:]:
+            step = step + so3.log(so3.relative(first, other)) / self.cycle_spins
+        mean = so3.compose(first, so3.exp(step)) if spins[1:] else first
+        # a joint that is missing throughout stays as it is
+        known = present.sum(-2)[..., None, :, None] > 0
+        return timeline.restore(torch.where(known, mean, unit), unit, q)
+
+    def _spin(self, unit: Tensor, confidence: Tensor, sigma: Tensor, shift: int) -> Tensor:
+        """Denoise with ``shift`` frames put before the first: other frames become even."""
+        frames = unit.shape[-3]
+        padded, trust = (
+            x.narrow(-3, 0, frames + shift)
+            for x in timeline.pad(unit, confidence, shift, "reflect")
+        )
+        pyramid = self.transform(padded)
+        shrunk = self._shrink(pyramid.details, trust[..., 0] > 0, sigma)
+        whole = self.transform.inverse(Pyramid(pyramid.approx, shrunk))
+        return whole.index_select(-3, torch.arange(shift, shift + frames, device=whole.device))
+
+    def _shrink(
+        self, details: tuple[Tensor, ...], present: Tensor, sigma: Tensor
+    ) -> tuple[Tensor, ...]:
+        if self.rule == "finest":
+            return tuple(torch.zeros_like(detail) for detail in details)
+        shrunk: list[Tensor] = []
+        for level in range(self.levels - 1, -1, -1):  # finest first, as frames are halved
+            detail = details[level]
+            valid, present = detail_validity(present)
+            if isinstance(self.rule, str):
+                own = sigma * self.noise_gain[level]
+                t = threshold(self.rule, norm(detail), valid[..., None], own)
+            else:
+                t = torch.full_like(sigma, self.thresholds[level] if self.thresholds else 0.0)
+            if self.log_scale is not None:
+                t = t * self.log_scale[level].exp().to(detail.dtype)
+            shrunk.insert(0, shrink(detail, t, self.shrinkage))
+        return tuple(shrunk)
+
+    def extra_repr(self) -> str:
+        """Depth, rule and options."""
+        return (
+            f"levels={self.levels}, rule={self.rule!r}, shrinkage={self.shrinkage!r}, "
+            f"cycle_spins={self.cycle_spins}"
+        )
+
+
+def lifting_denoiser(
+    q: Tensor,
+    weight: Tensor | None = None,
+    *,
+    wavelet: Wavelet | LiftingStep | Sequence[LiftingStep] = "linear",
+    levels: int | None = None,
+    rule: Rule | float | Sequence[float] = "universal",
+    shrinkage: Shrinkage = "soft",
+    cycle_spins: int = 1,
+) -> Tensor:
+    """Shorten the details of a motion that look like noise, and put it together again.
+
+    Details are shrunk by their norm, so the result does not depend on the coordinate frame. The
+    noise is estimated per joint from the finest details; details next to a missing frame are
+    shrunk too, but take no part in any estimate.
+
+    Args:
+        q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
+        weight: Confidence ``(..., T, J)``, >= 0; 0 marks a missing frame. Other values make no
+            difference here.
+        wavelet: As in :class:`LiftingTransform`.
+        levels: How many of the finest levels are shrunk, >= 0. ``None``: 4, which is noise slower
+            than 16 frames left alone, or one per given step.
+        rule: ``"universal"``, ``"sure"``, ``"bayes"``, each per level and joint; ``"finest"``: all
+            details of these levels are set to 0, as in the paper; or the thresholds themselves
+            [rad], one for all levels or one per level, coarsest first.
+        shrinkage: ``"soft"``, ``"hard"`` or ``"garrote"``.
+        cycle_spins: Average over this many shifts of the motion, >= 1, in the tangent space of
+            the first: then the result depends less on which frames are even.
+
+    Returns:
+        Unit quaternions ``(..., T, J, 4)``.
+
+    Raises:
+        TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
+        ValueError: If a shape, range or name is invalid.
+
+    Reference:
+        Szczesna, Slupik and Janiak, ICONS 2012, section VI; Coifman and Donoho, "Translation-
+        invariant de-noising", 1995. The paper leaves thresholds to further research.
+    """
+    denoise = LiftingDenoiser(
+        wavelet, levels=levels, rule=rule, shrinkage=shrinkage, cycle_spins=cycle_spins
+    )
+    return denoise.to(q.device)(q, weight) if isinstance(q, Tensor) else denoise(q, weight)
+
+
+def _fixed(rule: Rule | float | Sequence[float], levels: int) -> tuple[float, ...] | None:
+    """Given thresholds, one per level; ``None`` where a rule finds them."""
+    if isinstance(rule, str):
+        check_choice("rule", rule, RULES)
+        return None
+    values = list(rule) if isinstance(rule, Sequence) else [rule] * levels
+    if len(values) != levels:
+        raise ValueError(f"rule must have one threshold per level ({levels}), got {len(values)}.")
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise TypeError(f"rule must be a name or thresholds [rad], got {rule!r}.")
+        if not 0.0 <= value < float("inf"):
+            raise ValueError(f"rule must have finite thresholds >= 0, got {rule!r}.")
+    return tuple(float(value) for value in values)
+
+
+def _noise_gain(transform: LiftingTransform, levels: int) -> tuple[float, ...]:
+    """Standard deviation of each level's details for unit noise, coarsest first.
+
+    By linearising the transform at rest: the gradient of one detail in the middle of a signal.
+    """
+    parameter = next(transform.parameters(), torch.zeros((), dtype=torch.float64))
+    frames = 16 * 2**levels
+    with torch.enable_grad():
+        v = torch.zeros(frames, 1, 3, dtype=parameter.dtype, requires_grad=True)
+        details = transform(so3.exp(v)).details
+        gradients = (
+            torch.autograd.grad(d[d.shape[-3] // 2, 0, 0], v, retain_graph=True)[0] for d in details
+        )
+        return tuple(float(g.norm()) for g in gradients)
