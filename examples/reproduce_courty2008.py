@@ -13,29 +13,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import jsonargparse
-import matplotlib
 import torch
+from _clips import CMU, middle, synthetic_arm
 from _command import run
+from _figures import plt, save
 from torch import Tensor
 from tqdm import tqdm
 
-from torchquat import (
-    Skeleton,
-    bilateral_filter,
-    fill_missing,
-    gaussian_filter,
-    io,
-    metrics,
-    noise,
-    so3,
-)
+from torchquat import Skeleton, bilateral_filter, gaussian_filter, metrics, noise, so3
 from torchquat.io import Motion
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
-from matplotlib.figure import Figure
-
-CMU_CLIP = Path(__file__).parents[2] / "shared" / "data" / "cmu" / "05_03.bvh"
+CMU_CLIP = CMU / "05_03.bvh"
 NOISE, SIGMA_T, PASSES = 0.18, 1.0, 5  # as in the paper
 PUBLISHED = 0.1
 AS_VARIANCE = math.sqrt(PUBLISHED)
@@ -56,30 +44,6 @@ def gaussian(q: Tensor, passes: int = PASSES) -> Tensor:
     for _ in range(passes):
         q = gaussian_filter(q, sigma_t=SIGMA_T)
     return q
-
-
-def load_clip(path: Path, frame_rate: float = 60.0) -> Motion:
-    """``FRAMES`` frames from the middle of a clip, thinned out to about a frame rate [1/s]."""
-    motion = io.load(path)
-    step = max(round(motion.frame_rate / frame_rate), 1)
-    length = min(FRAMES * step, len(motion.q))
-    start = (len(motion.q) - length) // 2
-    filled = fill_missing(motion.q, motion.weight)[start : start + length : step]
-    return Motion(filled, motion.frame_rate / step, motion.names, skeleton=motion.skeleton)
-
-
-def synthetic_clip(frame_rate: float = 60.0) -> Motion:
-    """An arm that swings widely, and beats quickly with the forearm in between."""
-    time = torch.arange(FRAMES, dtype=torch.float64)[:, None] / frame_rate
-    swing = 0.9 * torch.sin(2 * math.pi * 0.6 * time)
-    beat = 0.35 * torch.sin(2 * math.pi * 5.0 * time) * torch.exp(-(((time - 1.4) / 0.25) ** 2))
-    arm = torch.cat([0.5 * swing, 0.3 * swing.square(), swing], -1)
-    forearm = torch.cat([0.1 * swing, 0.8 + 0.5 * swing + beat, 0.4 * beat], -1)
-    hand = torch.cat([0.3 * swing, beat, 0.2 * swing], -1)
-    names = ("RightArm", "RightForeArm", "RightHand")
-    offsets = torch.tensor([[0.0, 1.4, 0.0], [-0.3, 0.0, 0.0], [-0.25, 0.0, 0.0]])
-    skeleton = Skeleton(names, (-1, 0, 1), offsets.double(), (((2, (-0.1, 0.0, 0.0))),))
-    return Motion(so3.exp(torch.stack([arm, forearm, hand], -2)), frame_rate, names, skeleton)
 
 
 def figure_2(clean: Tensor, noisy: Tensor, frame_rate: float, path: Path) -> None:
@@ -107,7 +71,7 @@ def figure_2(clean: Tensor, noisy: Tensor, frame_rate: float, path: Path) -> Non
     axes[1, 1].legend(ncols=2, fontsize=8, loc="upper right")
     for ax in axes[-1]:
         ax.set_xlabel("time [s]")
-    _save(figure, path)
+    save(figure, path)
 
 
 def figure_3(clean: Tensor, noisy: Tensor, path: Path, passes: int = 15) -> dict[str, list[float]]:
@@ -127,7 +91,7 @@ def figure_3(clean: Tensor, noisy: Tensor, path: Path, passes: int = 15) -> dict
     ax.axvline(PASSES, color="0.8", zorder=0)
     ax.set(xlabel="passes", ylabel="mean squared error [rad$^2$]", yscale="log")
     ax.legend(fontsize=8, loc="center right", bbox_to_anchor=(1.0, 0.62))
-    _save(figure, path)
+    save(figure, path)
     return curves
 
 
@@ -145,7 +109,7 @@ def figure_4(
         ax.plot(track @ across, track @ up, linewidth=0.9, color="#c44e52")
         ax.set_title(label, fontsize=9)
         ax.set_aspect("equal")
-    _save(figure, path)
+    save(figure, path)
     return paths
 
 
@@ -217,18 +181,11 @@ def _widest_plane(track: Tensor) -> tuple[Tensor, Tensor]:
     return axes[0], axes[1]
 
 
-def _save(figure: Figure, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.tight_layout()
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
-
-
 def _reproduce(arguments: jsonargparse.Namespace) -> int:
     clip: Path | None = arguments.clip
     if clip is None and CMU_CLIP.exists():
         clip = CMU_CLIP
-    motion = synthetic_clip() if clip is None else load_clip(clip)
+    motion = synthetic_arm() if clip is None else middle(clip, FRAMES, frame_rate=60.0)
     name = "synthetic arm" if clip is None else clip.name
     print(f"{name}: {len(motion.q)} frames at {motion.frame_rate:g} fps, joint {arguments.joint}")
     print(*reproduce(motion, arguments.joint, arguments.output), sep="\n")

@@ -5,6 +5,7 @@ import re
 from contextlib import redirect_stdout
 from pathlib import Path
 
+import _clips as clips
 import plot_motion
 import pytest
 import reproduce_courty2008 as courty
@@ -68,7 +69,7 @@ def figures(lines, label):
 
 
 def test_the_paper_on_a_synthetic_arm(tmp_path):
-    lines = courty.reproduce(courty.synthetic_clip(), "RightHand", tmp_path)
+    lines = courty.reproduce(clips.synthetic_arm(), "RightHand", tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["fig2.png", "fig3.png", "fig4.png"]
     speed, error = lines[: lines.index(next(x for x in lines if x.startswith("Fig. 3")))], lines[6:]
     # Fig. 2: the Gaussian filter lowers the peak speed, the bilateral keeps it or amplifies it
@@ -81,6 +82,6 @@ def test_the_paper_on_a_synthetic_arm(tmp_path):
 
 
 def test_a_real_clip(shared_data, tmp_path):
-    motion = courty.load_clip(shared_data / "cmu" / "05_03.bvh")
+    motion = clips.middle(shared_data / "cmu" / "05_03.bvh", courty.FRAMES, frame_rate=60.0)
     assert len(motion.q) == courty.FRAMES and motion.frame_rate == pytest.approx(60, rel=1e-3)
     assert len(courty.reproduce(motion, "RightHand", tmp_path)) == 19
