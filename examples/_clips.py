@@ -17,28 +17,34 @@ CMU = Path(__file__).parents[2] / "shared" / "data" / "cmu"
 _FINGERS = ("finger", "thumb", "index", "middle", "ring", "pinky")
 
 
-def middle(path: Path, frames: int, *, frame_rate: float | None = None) -> Motion:
+def middle(path: Path, frames: int, *, frame_rate: float | None = None, skip: int = 0) -> Motion:
     """Frames from the middle of a clip, missing ones filled.
 
     Args:
         path: BVH or npz file.
         frames: How many, at most; all if the clip is shorter.
         frame_rate: Thinned out to about this [1/s]; ``None``: as recorded.
+        skip: Leading frames that are not part of the motion, such as a T-pose.
 
     Returns:
         The motion, without what only its file needs.
+
+    Raises:
+        ValueError: If nothing is left.
     """
     motion = io.load(path)
     step = 1 if frame_rate is None else max(round(motion.frame_rate / frame_rate), 1)
-    length = min(frames * step, len(motion.q))
-    start = (len(motion.q) - length) // 2
+    length = min(frames * step, len(motion.q) - skip)
+    if length < 1:
+        raise ValueError(f"{path}: expected more than {skip} frames, got {len(motion.q)}.")
+    start = (skip + len(motion.q) - length) // 2
     filled = fill_missing(motion.q, motion.weight)[start : start + length : step]
     return Motion(filled, motion.frame_rate / step, motion.names, skeleton=motion.skeleton)
 
 
 def moving_joints(motion: Motion) -> Motion:
     """The joints that turn by more than a degree, fingers left out; without a skeleton."""
-    range_of_motion = so3.distance(motion.q, motion.q[:1])[..., 0].amax(0)
+    range_of_motion = so3.distance(motion.q, motion.q[:1]).amax(0)
     kept = [
         joint
         for joint, name in enumerate(motion.names)

@@ -15,7 +15,7 @@ import torchquat
 
 __all__ = ["FilterConfig", "in_frames", "read_config"]
 
-TIMES = ("sigma_t", "radius")
+TIMES = ("sigma_t", "radius", "patch_radius", "search_radius")
 """Arguments in frames: ``25ms`` and ``0.1s`` are converted with the frame rate of the file."""
 
 FREQUENCIES = ("cutoff", "min_cutoff", "d_cutoff")
@@ -61,7 +61,7 @@ class FilterConfig:
                 arguments[key] = in_frames(key, value, frame_rate)
             except ValueError as error:
                 raise ValueError(f"{self.origin}: filter.init_args.{key}: {error}") from None
-            if "int" in str(parameters[key].annotation) and isinstance(value, str):
+            if arguments[key] is not value and "int" in str(parameters[key].annotation):
                 arguments[key] = round(arguments[key])
         try:
             return self._class()(**arguments)
@@ -149,5 +149,11 @@ def _mapping(path: Path, name: str, content: Any, keys: tuple[str, ...]) -> dict
 
 
 def _filters() -> list[str]:
-    """Names of all filters in the package."""
-    return [name for name in torchquat.__all__ if name.endswith("Filter")]
+    """Names of all filters in the package: modules that take rotations and their weight."""
+    return [name for name in torchquat.__all__ if _is_filter(getattr(torchquat, name))]
+
+
+def _is_filter(candidate: object) -> bool:
+    if not (isinstance(candidate, type) and issubclass(candidate, nn.Module)):
+        return False
+    return "weight" in inspect.signature(candidate.forward).parameters

@@ -11,7 +11,16 @@ from _filter_config import in_frames, read_config
 from bvh_files import one_joint
 from motions import assert_same_rotation, smooth_motion
 
-from torchquat import BilateralFilter, fill_missing, gaussian_filter, io, metrics, noise
+from torchquat import (
+    BilateralFilter,
+    LiftingDenoiser,
+    NonLocalPoseMeans,
+    fill_missing,
+    gaussian_filter,
+    io,
+    metrics,
+    noise,
+)
 from torchquat.io import Motion
 
 ROOT = Path(__file__).parents[1]
@@ -69,10 +78,37 @@ def test_every_config_runs_on_the_demo(config, tmp_path):
     assert io.load(tmp_path / "out.bvh").q.shape == (230, 12, 4)
 
 
-def test_courty2008_has_the_published_values():
-    config = read_config(ROOT / "configs" / "courty2008.yaml")
-    expected = BilateralFilter(1.0, 0.1, kernel="exponential", iterations=5, boundary="reflect")
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        (
+            "courty2008",
+            BilateralFilter(1.0, 0.1, kernel="exponential", iterations=5, boundary="reflect"),
+        ),
+        ("dean", NonLocalPoseMeans(0.008, patch_radius=5, search_radius=10)),
+        ("szczesna2012", LiftingDenoiser("linear", levels=2, rule="finest")),
+    ],
+)
+def test_configs_of_the_papers_have_the_published_values(name, expected):
+    config = read_config(ROOT / "configs" / f"{name}.yaml")
     assert repr(config.build(120.0)) == repr(expected)
+
+
+def test_windows_in_time_become_whole_frames():
+    config = read_config(ROOT / "configs" / "nonlocal_means.yaml")
+    at_60, at_25 = config.build(60.0), config.build(25.0)
+    assert (at_60.patch_radius, at_60.search_radius) == (6, 18)
+    assert (at_25.patch_radius, at_25.search_radius) == (2, 8)
+    assert at_60.groups == "joint"
+
+
+def test_an_unknown_class_is_answered_with_all_filters(walk, tmp_path, capsys):
+    arguments = ("--filter.class_path", "Bilateral")
+    assert run(walk, "--output", tmp_path / "out.npz", *arguments) == 1
+    error = one_error_line(capsys)
+    for name in ("BilateralFilter", "LinearFilter", "NonLocalPoseMeans", "LiftingDenoiser"):
+        assert name in error
+    assert "LiftingTransform" not in error and "HaarPredict" not in error
 
 
 def test_times_are_converted_with_the_frame_rate_of_the_file(walk, motion, tmp_path):

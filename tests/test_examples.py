@@ -6,9 +6,13 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 import _clips as clips
+import benchmark_memory
+import multiresolution
 import plot_motion
 import pytest
 import reproduce_courty2008 as courty
+import reproduce_dean as dean
+import reproduce_szczesna2012 as szczesna
 from bvh_files import one_joint
 
 ROOT = Path(__file__).parents[1]
@@ -85,3 +89,55 @@ def test_a_real_clip(shared_data, tmp_path):
     motion = clips.middle(shared_data / "cmu" / "05_03.bvh", courty.FRAMES, frame_rate=60.0)
     assert len(motion.q) == courty.FRAMES and motion.frame_rate == pytest.approx(60, rel=1e-3)
     assert len(courty.reproduce(motion, "RightHand", tmp_path)) == 19
+
+
+def row(lines, label):
+    """The first line that starts with a label, its numbers."""
+    line = next(line for line in lines if line.strip().startswith(label))
+    return [float(number) for number in re.findall(r"-?\d+\.\d+", line.strip()[len(label) :])]
+
+
+def test_dean_on_a_synthetic_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(dean, "LIKENESS", (0.008, 0.064, 0.128, 0.256))
+    lines = dean.reproduce(clips.synthetic_run(120), tmp_path, draws=1)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["fig4.png", "fig5.png", "fig6.png"]
+    noisy, tuned = row(lines, "noisy"), row(lines, dean.TUNED)
+    # 10 log10(pi^2 / (3 (15 * 0.008)^2)) = 23.6 dB: the size of the noise, worked out by hand
+    assert noisy[1] == pytest.approx(23.6, abs=0.2)
+    assert all(after > before for before, after in zip(noisy, tuned, strict=True))
+    # the published sigma is far too small for more noise than its own
+    assert row(lines, dean.PUBLISHED)[1] < tuned[1] - 3.0
+
+
+def test_szczesna_on_a_synthetic_run(tmp_path):
+    lines = szczesna.reproduce(clips.synthetic_run(300), "LeftUpLeg", tmp_path)
+    assert len(list(tmp_path.glob("fig*.png"))) == 7
+    haar, linear = (row(lines, name) for name in szczesna.SCHEMES)
+    assert all(b < a for a, b in zip(haar, linear, strict=True))  # details [deg], Fig. 5 to 8
+    errors = lines[lines.index(next(line for line in lines if line.startswith("Fig. 9"))) :]
+    noisy, haar, linear = (row(errors, name)[0] for name in ("noisy", "haar", "linear"))
+    assert noisy == pytest.approx(0.5 * 3**0.5, rel=0.1)
+    assert linear < haar and linear < noisy
+    right, printed = (float(line.split()[-1]) for line in lines[-3:-1])
+    assert right < 1e-10 < 0.01 < printed
+    with pytest.raises(ValueError, match="joint must be one of"):
+        szczesna.reproduce(clips.synthetic_run(30), "Tail", tmp_path)
+
+
+def test_multiresolution_on_the_demo(tmp_path, capsys):
+    assert multiresolution.main(["--output", str(tmp_path)]) == 0
+    names = {"compression.png", "features.png", "editing.png", "edited.bvh"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    lines = capsys.readouterr().out.splitlines()
+    held, linear = row(lines, "slerp"), row(lines, "linear")
+    assert linear[1] < 0.5 * held[1], "at half the size"  # pairs of ratio and error
+    assert multiresolution.main(["--output", str(tmp_path), "--joint", "Tail"]) == 1
+    assert multiresolution.main(["--output", str(tmp_path), "--gains", "1", "0"]) == 0
+
+
+def test_memory_is_measured(capsys, monkeypatch):
+    chosen = {name: benchmark_memory.FILTERS[name] for name in ("non-local, pose",)}
+    monkeypatch.setattr(benchmark_memory, "FILTERS", chosen)
+    assert benchmark_memory.main(["--frames", "20000", "--joints", "24"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert 1.0 < row(lines, "non-local, pose")[0] < 40.0  # a sensible figure, not a target

@@ -35,28 +35,19 @@ def test_A23_says_what_is_wrong(sigma, rng):
         noise.gaussian(random_rotations(4, 2, rng=rng), sigma)
 
 
-def test_impulses_turn_a_share_of_all_samples_by_one_angle(rng, dtype):
+def test_impulses_turn_a_share_of_all_samples(rng, dtype):
     q = random_rotations(20000, 2, rng=rng, dtype=dtype)
     v = so3.log(so3.relative(q, noise.impulse(q, 0.5, generator=rng)))
     turned = v.norm(dim=-1) > 1e-3
     assert turned.double().mean().item() == pytest.approx(0.05, rel=0.1)
-    axes = v[turned] / 0.5
-    assert torch.allclose(axes.norm(dim=-1), torch.ones((), dtype=dtype), atol=1e-5)
-    # no direction is preferred: the mean of n unit vectors has a length of 1/sqrt(n)
-    assert axes.mean(0).norm() < 4 / len(axes) ** 0.5
-    everywhere = noise.impulse(q, 0.5, share=1.0, generator=rng)
-    assert so3.distance(q, everywhere).min().item() == pytest.approx(0.5, abs=1e-5)
+    # 2000 draws: the standard deviation is known to 1.6 %, four times that is allowed
+    assert torch.allclose(v[turned].std(0), torch.full((3,), 0.5, dtype=dtype), rtol=0.07)
+    none, everyone = (noise.impulse(q, 0.5, share=share, generator=rng) for share in (0.0, 1.0))
+    assert so3.distance(q, none).max() < 1e-5
+    assert (so3.distance(q, everyone) > 1e-3).double().mean() > 0.99
 
 
-@pytest.mark.parametrize(
-    ("angle", "share", "message"),
-    [
-        (-0.1, 0.05, r"angle must be finite and >= 0, got -0\.1"),
-        (float("nan"), 0.05, "angle must be finite and >= 0, got nan"),
-        (0.5, 1.1, r"share must be in \[0, 1\], got 1\.1"),
-        (0.5, float("nan"), r"share must be in \[0, 1\], got nan"),
-    ],
-)
-def test_A23_impulse_says_what_is_wrong(angle, share, message, rng):
-    with pytest.raises(ValueError, match=message):
-        noise.impulse(random_rotations(4, 2, rng=rng), angle, share=share)
+@pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
+def test_A23_impulse_says_what_is_wrong(share, rng):
+    with pytest.raises(ValueError, match=r"share must be in \[0, 1\], got"):
+        noise.impulse(random_rotations(4, 2, rng=rng), 0.5, share=share)

@@ -103,6 +103,14 @@ def test_noise_gains_are_those_of_the_scheme_on_numbers(wavelet):
     assert gain == pytest.approx(reference_lifting.gains(wavelet, 4), rel=1e-12)
 
 
+def test_gains_are_found_also_where_gradients_are_off():
+    expected = LiftingDenoiser(levels=2).noise_gain
+    with torch.inference_mode():
+        assert LiftingDenoiser(levels=2).noise_gain == expected
+    with torch.no_grad():
+        assert LiftingDenoiser(levels=2).noise_gain == expected
+
+
 @pytest.mark.parametrize("shrinkage", SHRINKAGES)
 def test_shrinkage_goes_by_the_norm(shrinkage, rng):
     v = torch.randn(50, 2, 3, generator=rng, dtype=torch.float64)

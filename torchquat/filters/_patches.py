@@ -1,6 +1,6 @@
 """Distances between patches of frames: one squared difference per lag and a running mean."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Literal
 
 import torch
@@ -53,49 +53,50 @@ class PatchDistances:
         self._width = patch_radius + 1 if causal else 2 * patch_radius + 1
         self._patches = padded.shape[-3] - 2 * patch_radius  # T + 2 S
         self._frames = self._patches - 2 * search_radius
-        features = None if embedding is None else self._features(embedding, patch_radius)
-        self._distances = [self._distance(lag, features) for lag in range(1, search_radius + 1)]
-        sides = (-1,) if causal else (-1, 1)
-        self.neighbours = [(lag, side) for lag in range(1, search_radius + 1) for side in sides]
+        self._learned = None if embedding is None else self._features(embedding, patch_radius)
+        self._sides = (-1,) if causal else (-1, 1)
+        self.lags = range(1, search_radius + 1)
 
-    def seen(self, lag: int, side: int) -> tuple[Tensor, Tensor, Callable[[], Tensor]]:
-        """One neighbour of every frame: ``lag`` frames later (``side`` 1) or earlier (-1).
+    def neighbours(self, lag: int) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+        """The frames ``lag`` earlier and, unless causal, ``lag`` later.
 
-        Returns:
-            Distances [rad^2] and votes before the kernel, both ``(..., T, J, 1)`` (the former may
-            have one joint for all), votes 0 where nothing can be compared; and a function that
-            gives the differences ``(..., T, J, 3)`` [rad] to the neighbour.
+        Yields:
+            Distances of patches [rad^2] and votes before the kernel, both ``(..., T, J, 1)`` (the
+            former may have one joint for all), votes 0 where nothing can be compared; and the
+            differences ``(..., T, J, 3)`` [rad] from every frame to its neighbour.
         """
-        first = self._search if side > 0 else self._search - lag
-        distance, common = (
-            self._spread(x.narrow(-2, first, self._frames)) for x in self._distances[lag - 1]
-        )
-        votes = self._trust.narrow(-3, self._start + side * lag, self._frames)
-        votes = torch.where(common > 0, votes, 0.0)
-
-        def difference() -> Tensor:
+        difference = self._difference(lag)
+        distance, common = self._distance(lag, difference)
+        for side in self._sides:
+            patch = self._search if side > 0 else self._search - lag
             pair = self._start if side > 0 else self._start - lag
-            return side * self._difference(lag).narrow(-3, pair, self._frames)
-
-        return distance, votes, difference
+            near, shared = (
+                self._spread(x.narrow(-2, patch, self._frames)) for x in (distance, common)
+            )
+            votes = self._trust.narrow(-3, self._start + side * lag, self._frames)
+            yield (
+                near,
+                torch.where(shared > 0, votes, 0.0),
+                side * difference.narrow(-3, pair, self._frames),
+            )
 
     def _difference(self, lag: int) -> Tensor:
         """From every frame to the one ``lag`` later, ``(..., N - lag, J, 3)`` [rad]."""
         first, second = self._padded[..., :-lag, :, :], self._padded[..., lag:, :, :]
         return second - first if first.shape[-1] == 3 else so3.log(so3.relative(first, second))
 
-    def _distance(self, lag: int, features: Tensor | None) -> tuple[Tensor, Tensor]:
+    def _distance(self, lag: int, difference: Tensor) -> tuple[Tensor, Tensor]:
         """Distances of patches and how much they have in common, ``(..., T + 2 S - lag, G)``."""
         trust = (self._trust[..., :-lag, :, :] * self._trust[..., lag:, :, :])[..., 0]
-        square = self._difference(lag).square().sum(-1) * trust
+        square = difference.square().sum(-1) * trust
         total, common = (
             box_sum(self._grouped(x), self._width).narrow(-2, 0, self._patches - lag)
             for x in (square, trust)
         )
         distance = total / torch.where(common > 0, 3.0 * common, 1.0)
-        if features is not None:
-            learned = features[..., lag:, :] - features[..., :-lag, :]
-            distance = distance + learned.square().mean(-1, keepdim=True)
+        if self._learned is not None:
+            apart = self._learned[..., lag:, :] - self._learned[..., :-lag, :]
+            distance = distance + apart.square().mean(-1, keepdim=True)
         return distance, common
 
     def _grouped(self, x: Tensor) -> Tensor:

@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 Wavelet = Literal["haar", "linear", "squad", "bezier"]
-WAVELETS: tuple[str, ...] = get_args(Wavelet)
+WAVELETS: tuple[Wavelet, ...] = get_args(Wavelet)
 
 
 class Pyramid(NamedTuple):

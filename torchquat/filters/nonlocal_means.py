@@ -65,8 +65,8 @@ def nonlocal_pose_means(
             difference of features is added to :math:`d`.
 
     Returns:
-        Unit quaternions ``(..., T, J, 4)``. Extra memory is O(T J), plus one value per frame, group
-        and lag; with an embedding also the patches, O(T P J).
+        Unit quaternions ``(..., T, J, 4)``. Extra memory is O(T J), whatever the windows; with an
+        embedding also the patches, O(T P J).
 
     Raises:
         TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
@@ -103,25 +103,24 @@ def nonlocal_pose_means(
 def _attend(patches: PatchDistances, confidence: Tensor, sigma: float | Tensor) -> Tensor:
     """Weighted mean of the differences to all neighbours, ``(..., T, J, 3)`` [rad].
 
-    Weights are taken relative to the largest, which is the centre's: where even that one
-    underflows, the mean is still right.
+    In one pass over the lags: weights are taken relative to the largest one so far, and what is
+    already added up is scaled down where a larger one comes. Where even the largest underflows, the
+    mean is still right.
     """
     lowest = torch.finfo(confidence.dtype).min
-    best = torch.full_like(confidence, lowest)
-    for lag, side in patches.neighbours:
-        distance, votes, _ = patches.seen(lag, side)
-        logit = -0.5 * distance / sigma**2
-        best = torch.maximum(best, torch.where(votes > 0, logit, lowest))
-
-    top = best.detach()  # a common factor: the mean does not depend on it
-    total = confidence * torch.exp(best - top)
+    best = torch.full_like(confidence, lowest)  # the centre's exponent: the largest of the others
+    total = torch.zeros_like(confidence)
     weighted = confidence.new_zeros(*confidence.shape[:-1], 3)
-    for lag, side in patches.neighbours:
-        distance, votes, difference = patches.seen(lag, side)
-        exponent = torch.where(votes > 0, -0.5 * distance / sigma**2 - top, 0.0)
-        m = votes * torch.exp(exponent)
-        total = total + m
-        weighted = weighted + m * difference()
+    for lag in patches.lags:
+        for distance, votes, difference in patches.neighbours(lag):
+            exponent = -0.5 * distance / sigma**2
+            larger = torch.maximum(best, torch.where(votes > 0, exponent, lowest))
+            top = larger.detach()  # a common factor: the mean does not depend on it
+            shrink = torch.exp(best.detach() - top)
+            m = votes * torch.exp(torch.where(votes > 0, exponent - top, 0.0))
+            total, weighted = shrink * total + m, shrink * weighted + m * difference
+            best = larger
+    total = total + confidence * torch.exp(best - best.detach())
     empty = total <= 0
     return torch.where(empty, 0.0, weighted / torch.where(empty, 1.0, total))
 

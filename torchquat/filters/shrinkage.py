@@ -78,12 +78,13 @@ class LiftingDenoiser(nn.Module):
         unit, confidence = timeline.prepare(q, weight)
         present = confidence[..., 0] > 0
         sigma = finest_noise(unit, present)
-        spins = [self._spin(unit, confidence, sigma, shift) for shift in range(self.cycle_spins)]
-        first = spins[0]
-        step = torch.zeros_like(first[..., :3])
-        for other in spins[1:]:
-            step = step + so3.log(so3.relative(first, other)) / self.cycle_spins
-        mean = so3.compose(first, so3.exp(step)) if spins[1:] else first
+        first = mean = self._spin(unit, confidence, sigma, 0)
+        if self.cycle_spins > 1:
+            step = torch.zeros_like(first[..., :3])
+            for shift in range(1, self.cycle_spins):
+                other = self._spin(unit, confidence, sigma, shift)
+                step = step + so3.log(so3.relative(first, other)) / self.cycle_spins
+            mean = so3.compose(first, so3.exp(step))
         # a joint that is missing throughout stays as it is
         known = present.sum(-2)[..., None, :, None] > 0
         return timeline.restore(torch.where(known, mean, unit), unit, q)
@@ -197,7 +198,7 @@ def _noise_gain(transform: LiftingTransform, levels: int) -> tuple[float, ...]:
     """
     parameter = next(transform.parameters(), torch.zeros((), dtype=torch.float64))
     frames = 16 * 2**levels
-    with torch.enable_grad():
+    with torch.inference_mode(False), torch.enable_grad():
         v = torch.zeros(frames, 1, 3, dtype=parameter.dtype, requires_grad=True)
         details = transform(so3.exp(v)).details
         gradients = (
