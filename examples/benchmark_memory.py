@@ -3,11 +3,11 @@
 python examples/benchmark_memory.py [--frames 20000] [--joints 24] [--dtype float32]
 
 Prints what a filter adds to the peak of a process that has loaded the input, as a multiple of it.
+Linux only.
 """
 
 import os
 import platform
-import resource
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -49,9 +49,19 @@ def extra_memory(name: str, path: Path) -> int:
     module = FILTERS[name]()
     with torch.inference_mode():
         module(q[:64])  # what torch sets up once is not the filter's
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        before = _peak()
         module(q)
-    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
+    return _peak() - before
+
+
+def _peak() -> int:
+    """Largest resident memory of this process so far [bytes].
+
+    Not ``getrusage``: on Linux it starts at the peak of the process that started this one.
+    """
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    (line,) = (line for line in status.splitlines() if line.startswith("VmHWM:"))
+    return int(line.split()[1]) * 1024
 
 
 def measure(name: str, path: Path) -> int:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import jsonargparse
+import numpy as np
 import torch
 from _command import run
 from _figures import plt, save
@@ -129,8 +130,8 @@ def draw_editing(
         else:
             length = pyramid.details[level][:, joint].norm(dim=-1)
             width = 2 ** (len(gains) - level)
-            place = width * torch.arange(len(length))
-            ax.bar(place, length, width=width, align="edge", color="#2a6f97")
+            place = width * np.arange(len(length))
+            ax.bar(place, length.numpy(), width=width, align="edge", color="#2a6f97")
         ax.set_title(f"{names[joint]}: {title}" if level is None else title, fontsize=8)
         ax.set_ylabel("[rad]", fontsize=8)
     axes[-1].set_xlabel("frame")

@@ -14,6 +14,7 @@ EVERYTHING = [*SOURCES, *sorted((ROOT / "examples").glob("*.py"))]
 # A module imports only from ranks below its own, or from its own folder.
 RANKS = {
     "torchquat._checks": 0,
+    "torchquat._eager": 0,
     "torchquat.so3": 1,
     "torchquat.missing": 2,
     "torchquat.timeline": 3,

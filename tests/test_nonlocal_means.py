@@ -11,7 +11,7 @@ from patterns import PATTERNS, with_pattern
 from torch import nn
 from torch.autograd import gradcheck, gradgradcheck
 
-from torchquat import NonLocalPoseMeans, metrics, noise, nonlocal_pose_means, so3
+from torchquat import NonLocalPoseMeans, _eager, metrics, noise, nonlocal_pose_means, so3
 from torchquat.filters._patches import box_sum
 from torchquat.timeline import BOUNDARIES
 
@@ -228,3 +228,16 @@ def test_the_module_is_the_function(rng):
     assert torch.equal(module(q, weight), expected)
     assert [name for name, _ in module.named_parameters()] == ["log_sigma"]
     assert "sigma=0.1, patch_radius=2, search_radius=4, groups='joint'" in repr(module)
+
+
+@pytest.mark.parametrize("groups", ["pose", "joint"])
+@pytest.mark.parametrize("causal", [False, True])
+@pytest.mark.parametrize("size", [1, 7, 60])
+def test_blocks_of_time_make_no_difference(groups, causal, size, rng, monkeypatch):
+    q, weight = with_pattern(smooth_motion(2, frames=31, rng=rng), "gaps", rng)
+    options = {"sigma": 0.3, "patch_radius": 2, "search_radius": 4}
+    whole = nonlocal_pose_means(q, weight, groups=groups, causal=causal, **options)
+    monkeypatch.setattr(_eager, "BLOCK", size)
+    assert len(list(_eager.blocks(q))) > 1
+    cut = nonlocal_pose_means(q, weight, groups=groups, causal=causal, **options)
+    assert_same_rotation(cut, whole, 1e-14)

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from torchquat import so3, timeline
 from torchquat._checks import check_choice, check_count, check_positive
+from torchquat._eager import blocks
 from torchquat.filters._bandwidth import Bandwidth, per_joint, register_bandwidth, shown
 from torchquat.filters._patches import Groups, PatchDistances, check_groups
 from torchquat.timeline import BOUNDARIES, Boundary
@@ -84,20 +85,29 @@ def nonlocal_pose_means(
     check_groups(groups)
     boundary = timeline.past_boundary(boundary, causal)
     unit, confidence = timeline.prepare(q, weight, causal=causal)
-    padded, trust = timeline.pad(unit, confidence, patch_radius + search_radius, boundary)
-    patches = PatchDistances(
-        padded if chart == "local" else so3.log(padded),
-        trust,
-        groups=groups,
-        patch_radius=patch_radius,
-        search_radius=search_radius,
-        causal=causal,
-        embedding=embedding,
-    )
-    step = _attend(patches, confidence, per_joint("sigma", sigma, unit))
-    if chart == "global":
-        return timeline.restore(so3.exp(so3.log(unit) + step), unit, q)
-    return timeline.restore(so3.compose(unit, so3.exp(step)), unit, q)
+    bandwidth = per_joint("sigma", sigma, unit)
+    reach = patch_radius + search_radius
+    padded, trust = timeline.pad(unit, confidence, reach, boundary)
+    filtered: list[Tensor] = []
+    # an embedding may look at all of its patches together, as a normalisation does
+    for start, frames in blocks(unit) if embedding is None else [(0, unit.shape[-3])]:
+        around, near = (x.narrow(-3, start, frames + 2 * reach) for x in (padded, trust))
+        patches = PatchDistances(
+            around if chart == "local" else so3.log(around),
+            near,
+            groups=groups,
+            patch_radius=patch_radius,
+            search_radius=search_radius,
+            causal=causal,
+            embedding=embedding,
+        )
+        centre = unit.narrow(-3, start, frames)
+        step = _attend(patches, confidence.narrow(-3, start, frames), bandwidth)
+        if chart == "global":
+            filtered.append(so3.exp(so3.log(centre) + step))
+        else:
+            filtered.append(so3.compose(centre, so3.exp(step)))
+    return timeline.restore(torch.cat(filtered, -3), unit, q)
 
 
 def _attend(patches: PatchDistances, confidence: Tensor, sigma: float | Tensor) -> Tensor:
