@@ -4,37 +4,45 @@ There a value can be looked at for nothing, and work cut to the size of a cache.
 stall it, and in a compiler or a function transform the program must not depend on values.
 """
 
-from collections.abc import Iterator
+import math
 
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 
-__all__ = ["blocks", "known_false"]
+__all__ = ["derivatives", "highest", "lowest", "numbers", "visible"]
 
-BLOCK = 2**15
-"""Elements of one component in a block: a few dozen such planes fit a second-level cache."""
+_transforms_active = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
 
 
-def known_false(flags: Tensor) -> bool:
-    """Whether all flags can be seen to be False; False also means that nobody looked."""
-    if flags.device.type != "cpu" or torch.compiler.is_compiling():
+def derivatives(*inputs: Tensor) -> bool:
+    """Whether derivatives of what is computed from these tensors may be asked for."""
+    if torch.compiler.is_compiling() or _transforms_active():
+        return True
+    if forward_ad._current_level >= 0:
+        return True
+    return torch.is_grad_enabled() and any(x.requires_grad for x in inputs)
+
+
+def lowest(x: Tensor) -> float:
+    """The smallest value; NaN if one is, and where nobody may look."""
+    return float(x.detach().min()) if visible(x) else math.nan
+
+
+def highest(x: Tensor) -> float:
+    """The largest value; NaN if one is, and where nobody may look."""
+    return float(x.detach().max()) if visible(x) else math.nan
+
+
+def numbers(rows: Tensor) -> list[float] | tuple[Tensor, ...]:
+    """Rows of ``(N, J)``: numbers, where they can be seen, are one each, and get no gradient."""
+    if rows.shape[1] == 1 and visible(rows) and not derivatives(rows):
+        return rows[:, 0].tolist()
+    return rows.unbind(0)
+
+
+def visible(x: Tensor) -> bool:
+    """Whether a value may be looked at, and a program depend on it."""
+    if x.device.type != "cpu" or x.numel() == 0:
         return False
-    try:
-        return not bool(flags.any())
-    except RuntimeError:  # inside vmap
-        return False
-
-
-def blocks(q: Tensor) -> Iterator[tuple[int, int]]:
-    """Cut the frames of ``(..., T, J, 4)`` into blocks.
-
-    Yields:
-        First frame and number of frames of each block; one block where cutting would not help.
-    """
-    frames = q.shape[-3]
-    if torch.compiler.is_compiling() or q.device.type != "cpu":
-        yield 0, frames
-        return
-    size = max(BLOCK * max(frames, 1) // max(q[..., 0].numel(), 1), 1)
-    for start in range(0, max(frames, 1), size):
-        yield start, min(size, frames - start)
+    return not (torch.compiler.is_compiling() or _transforms_active())

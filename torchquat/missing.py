@@ -10,7 +10,6 @@ from torch import Tensor
 
 from torchquat import so3
 from torchquat._checks import check_signal
-from torchquat._eager import known_false
 
 __all__ = ["confidence", "fill_missing", "interpolate", "validity"]
 
@@ -87,8 +86,6 @@ def interpolate(q: Tensor, present: Tensor, *, causal: bool = False) -> Tensor:
     Returns:
         Unit quaternions ``(..., T, J, 4)``.
     """
-    if known_false(~present):
-        return q
     frames = q.shape[-3]
     frame = torch.arange(frames, device=q.device)[:, None].expand(present.shape)
     before = torch.where(present, frame, -1).cummax(-2).values

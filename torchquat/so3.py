@@ -11,6 +11,9 @@ All functions broadcast over the leading axes and keep the dtype of their input.
 import torch
 from torch import Tensor
 
+from torchquat import _planes
+from torchquat._eager import highest, lowest
+
 __all__ = [
     "align",
     "compose",
@@ -53,11 +56,36 @@ def normalize(q: Tensor) -> Tensor:
     Returns:
         Unit quaternions ``(..., 4)``.
     """
+    square = squared_norm(q)
+    if ordinary(square):
+        return q * square.rsqrt()[..., None]
     identity = q.new_tensor([0.0, 0.0, 0.0, 1.0])
     safe = torch.where(usable(q)[..., None], q, identity)
     # a constant factor: the result does not depend on it, so neither does the gradient
-    safe = safe / safe.detach().abs().amax(-1, keepdim=True)
-    return safe / safe.square().sum(-1, keepdim=True).sqrt()
+    scaled = safe / safe.detach().abs().amax(-1, keepdim=True)
+    careful = scaled * squared_norm(scaled).rsqrt()[..., None]
+    # bit by bit what it would be if all rows were ordinary: one wrong frame must not reach others
+    low, high = _ordinary_range(q.dtype)
+    common = ((square > low) & (square < high)).detach()[..., None]
+    plain = torch.where(common, q, identity)
+    return torch.where(common, plain * squared_norm(plain).rsqrt()[..., None], careful)
+
+
+def squared_norm(q: Tensor) -> Tensor:
+    """Sum of the squared components of ``(..., 4)``, shape ``(...)``; may overflow."""
+    return _planes.dot(q.unbind(-1), q.unbind(-1))
+
+
+def ordinary(square: Tensor) -> bool:
+    """Whether all of these squared norms can be seen to be neither wrong nor near an overflow."""
+    low, high = _ordinary_range(square.dtype)
+    return lowest(square) > low and highest(square) < high
+
+
+def _ordinary_range(dtype: torch.dtype) -> tuple[float, float]:
+    """Between these, a squared norm has all its digits."""
+    limits = torch.finfo(dtype)
+    return limits.tiny / limits.eps, limits.max * limits.eps
 
 
 def exp(v: Tensor) -> Tensor:
@@ -69,19 +97,8 @@ def exp(v: Tensor) -> Tensor:
     Returns:
         Unit quaternions ``(..., 4)``.
     """
-    half = 0.5 * v
-    square = half.square().sum(-1, keepdim=True)
-    # both series end in h^10 / 10!, below one rounding error under this bound
-    small = square < (torch.finfo(v.dtype).eps * 3628800) ** 0.2
-    series = torch.where(small, square, 0.0)
-    angle = torch.where(small, 1.0, square).sqrt()
-    sinc = torch.where(
-        small, _horner(series, 1, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880), angle.sin() / angle
-    )
-    cosine = torch.where(
-        small, _horner(series, 1, -1 / 2, 1 / 24, -1 / 720, 1 / 40320), angle.cos()
-    )
-    return torch.cat([sinc * half, cosine], -1)
+    x, y, z = v.unbind(-1)
+    return _planes.join(_planes.exp((x, y, z)))
 
 
 def log(q: Tensor) -> Tensor:
@@ -93,17 +110,8 @@ def log(q: Tensor) -> Tensor:
     Returns:
         Rotation vectors ``(..., 3)`` [rad], norm in [0, pi].
     """
-    q = torch.where(q[..., 3:] < 0, -q, q)
-    vector, w = q[..., :3], q[..., 3:]
-    sine_square = vector.square().sum(-1, keepdim=True)
-    # atan(x) = x (1 - x^2/3 + ...) ends in x^12 / 13, below one rounding error under this bound
-    small = sine_square < (torch.finfo(q.dtype).eps * 13) ** (1 / 6) * w.detach().square()
-    w_series = torch.where(small, w, 1.0)
-    tangent_square = torch.where(small, sine_square, 0.0) / w_series.square()
-    series = _horner(tangent_square, 1, -1 / 3, 1 / 5, -1 / 7, 1 / 9, -1 / 11) / w_series
-    sine = torch.where(small, 1.0, sine_square).sqrt()
-    factor = torch.where(small, series, torch.atan2(sine, w) / sine)
-    return 2.0 * factor * vector
+    x, y, z, w = torch.where(q[..., 3:] < 0, -q, q).unbind(-1)
+    return _planes.join(_planes.log((x, y, z, w)))
 
 
 def compose(a: Tensor, b: Tensor) -> Tensor:
@@ -118,15 +126,7 @@ def compose(a: Tensor, b: Tensor) -> Tensor:
     """
     ax, ay, az, aw = a.unbind(-1)
     bx, by, bz, bw = b.unbind(-1)
-    return torch.stack(
-        [
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-            aw * bw - ax * bx - ay * by - az * bz,
-        ],
-        -1,
-    )
+    return _planes.join(_planes.compose((ax, ay, az, aw), (bx, by, bz, bw)))
 
 
 def inverse(q: Tensor) -> Tensor:
@@ -137,8 +137,7 @@ def inverse(q: Tensor) -> Tensor:
 def relative(a: Tensor, b: Tensor) -> Tensor:
     """The rotation from ``a`` to ``b`` in the body frame of ``a``: ``a^-1 b``.
 
-    Computed as ``1 + a^-1 (b - a)``: the difference of neighbours is exact, so small angles keep
-    their relative precision, where the product itself would lose 1e-3 of 1e-4 rad in float32.
+    Small angles keep their relative precision.
 
     Args:
         a: Unit quaternions ``(..., 4)``.
@@ -147,9 +146,10 @@ def relative(a: Tensor, b: Tensor) -> Tensor:
     Returns:
         Unit quaternions ``(..., 4)``.
     """
-    opposite = (a.detach() * b.detach()).sum(-1, keepdim=True) < 0
-    difference = compose(inverse(a), torch.where(opposite, -b, b) - a)
-    near = difference + a.new_tensor([0.0, 0.0, 0.0, 1.0])
+    opposite = _opposite(a, b)
+    ax, ay, az, aw = a.unbind(-1)
+    bx, by, bz, bw = torch.where(opposite, -b, b).unbind(-1)
+    near = _planes.join(_planes.relative((ax, ay, az, aw), (bx, by, bz, bw)))
     return torch.where(opposite, -near, near)
 
 
@@ -209,8 +209,7 @@ def align(q: Tensor, reference: Tensor) -> Tensor:
     Returns:
         Quaternions ``(..., 4)``, the same rotations as ``q``.
     """
-    opposite = (q.detach() * reference.detach()).sum(-1, keepdim=True) < 0
-    return torch.where(opposite, -q, q)
+    return torch.where(_opposite(q, reference), -q, q)
 
 
 def rotate(q: Tensor, point: Tensor) -> Tensor:
@@ -229,9 +228,6 @@ def rotate(q: Tensor, point: Tensor) -> Tensor:
     return point + 2.0 * (w * turned + torch.linalg.cross(axis, turned))
 
 
-def _horner(x: Tensor, *coefficients: float) -> Tensor:
-    """Polynomial with the constant term first."""
-    value = torch.full_like(x, coefficients[-1])
-    for coefficient in reversed(coefficients[:-1]):
-        value = value * x + coefficient
-    return value
+def _opposite(a: Tensor, b: Tensor) -> Tensor:
+    """Whether two quaternions lie in different hemispheres, ``(..., 1)``."""
+    return _planes.dot(a.detach().unbind(-1), b.detach().unbind(-1))[..., None] < 0

@@ -38,7 +38,7 @@ BOUNDARIES: tuple[str, ...] = get_args(Boundary)
 
 def prepare(
     q: Tensor, weight: Tensor | None = None, *, causal: bool = False
-) -> tuple[Tensor, Tensor]:
+) -> tuple[Tensor, Tensor | None]:
     """Check and normalise an input, and fill its missing frames.
 
     Args:
@@ -48,7 +48,8 @@ def prepare(
 
     Returns:
         Unit quaternions ``(..., T, J, 4)`` in float32 or float64, each in the hemisphere of its
-        input, and confidences ``(..., T, J, 1)``, 0 where a frame is missing.
+        input, and confidences ``(..., T, J)``, 0 where a frame is missing; ``None`` where all are
+        seen to be 1.
 
     Raises:
         TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
@@ -56,12 +57,16 @@ def prepare(
     """
     check_signal(q, weight)
     work = q.float() if q.dtype.itemsize < 4 else q
+    if weight is None:
+        square = so3.squared_norm(work)
+        if so3.ordinary(square):
+            return work * square.rsqrt()[..., None], None
     confidence = missing.confidence(work, weight)
     unit = so3.normalize(work)
     filled = missing.interpolate(unit, confidence > 0, causal=causal)
     # rows without a direction have no hemisphere: they follow the frame they are filled from
     reference = torch.where(so3.usable(work)[..., None], unit, 0.0)
-    return so3.align(filled, reference), confidence[..., None]
+    return so3.align(filled, reference), confidence
 
 
 def restore(result: Tensor, prepared: Tensor, q: Tensor) -> Tensor:
@@ -84,32 +89,37 @@ def past_boundary(boundary: Boundary, causal: bool) -> Boundary:
     return "truncate" if causal and boundary != "replicate" else boundary
 
 
-def pad(q: Tensor, confidence: Tensor, radius: int, boundary: Boundary) -> tuple[Tensor, Tensor]:
+def pad(
+    q: Tensor, confidence: Tensor | None, radius: int, boundary: Boundary
+) -> tuple[Tensor, Tensor | None]:
     """Put ``radius`` frames before and after a sequence, as the boundary rule has them.
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``.
-        confidence: Weights ``(..., T, J, 1)``.
+        confidence: Weights ``(..., T, J)``; ``None``: 1.
         radius: Frames on each side, >= 0.
         boundary: Rule at both ends.
 
     Returns:
-        Unit quaternions ``(..., T + 2 radius, J, 4)`` and weights ``(..., T + 2 radius, J, 1)``;
-        a frame outside weighs as much as the frame that it stands for.
+        Unit quaternions ``(..., T + 2 radius, J, 4)`` and weights ``(..., T + 2 radius, J)``, or
+        ``None`` where all are 1; a frame outside weighs as much as the frame that it stands for.
     """
     frames = q.shape[-3]
     if frames == 0:  # nothing to stand for: weightless identities
         identity = q.new_tensor([0.0, 0.0, 0.0, 1.0])
         shape = (*q.shape[:-3], 2 * radius, q.shape[-2])
-        return identity.expand(*shape, 4), q.new_zeros(*shape, 1)
+        return identity.expand(*shape, 4), q.new_zeros(shape)
     wanted = torch.arange(-radius, frames + radius, device=q.device)
     index = _source(wanted, frames, boundary)
     padded = q.index_select(-3, index)
-    confidence = confidence.index_select(-3, index)
-    if boundary == "truncate":
-        confidence = confidence * (wanted == index).to(q.dtype)[:, None, None]
     if boundary == "extrapolate":
         padded = _continue(q, padded, (wanted - index).to(q.dtype)[:, None, None])
+    if confidence is not None:
+        confidence = confidence.index_select(-2, index)
+    if boundary == "truncate":
+        inside = (wanted == index).to(q.dtype)[:, None]
+        ones = q.new_ones(padded.shape[:-1]) if confidence is None else confidence
+        confidence = inside * ones
     return padded, confidence
 
 

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from torchquat._checks import check_positive
+from torchquat._eager import derivatives, visible
 
 __all__ = ["Bandwidth", "default_radius", "per_joint", "register_bandwidth", "shown"]
 
@@ -14,15 +15,17 @@ Bandwidth = float | Sequence[float] | Tensor
 
 
 def per_joint(name: str, value: Bandwidth, like: Tensor) -> float | Tensor:
-    """Shape a bandwidth so that it broadcasts to ``(..., T, J, 1)``, in the dtype of ``like``."""
+    """A number, or a tensor that broadcasts to ``(..., T, J)``, in the dtype of ``like``."""
     if isinstance(value, int | float):
+        return float(value)
+    if isinstance(value, Tensor) and value.dim() == 0 and visible(value) and not derivatives(value):
         return float(value)
     joints = like.shape[-2]
     if not isinstance(value, Tensor) or value.dim():
         if len(value) not in (1, joints):
             raise ValueError(f"{name} must be one value or one per joint ({joints}), got {value}.")
     # straight to the dtype: a detour over float32 would cost 1e-8 of every number in a list
-    return torch.as_tensor(value, dtype=like.dtype, device=like.device)[..., None]
+    return torch.as_tensor(value, dtype=like.dtype, device=like.device)
 
 
 def shown(value: Tensor) -> str:

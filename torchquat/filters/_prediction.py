@@ -94,15 +94,13 @@ class LinearUpdate(nn.Module):
 
 def _shifted(even: Tensor, offset: int) -> Tensor:
     """The frame ``offset`` later in place of every frame; beyond the ends the edge turns on."""
-    trust = even.new_ones(*even.shape[:-1], 1)
-    padded, _ = timeline.pad(even, trust, abs(offset), "extrapolate")
+    padded, _ = timeline.pad(even, None, abs(offset), "extrapolate")
     return padded.narrow(-3, abs(offset) + offset, even.shape[-3])
 
 
 def _control_points(even: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """For every frame: the next frame, its own control point ``s_i`` and the next one's."""
-    trust = even.new_ones(*even.shape[:-1], 1)
-    padded, _ = timeline.pad(even, trust, 2, "extrapolate")
+    padded, _ = timeline.pad(even, None, 2, "extrapolate")
     frames = even.shape[-3]
     middle = padded.narrow(-3, 1, frames + 2)
     ahead = so3.log(so3.relative(middle, padded.narrow(-3, 2, frames + 2)))

@@ -6,8 +6,9 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor, nn
 
-from torchquat import missing, so3, timeline
+from torchquat import _planes, missing, so3, timeline
 from torchquat._checks import check_choice, check_count, check_positive
+from torchquat._planes import Quaternion, Vector
 from torchquat.filters._bandwidth import (
     Bandwidth,
     default_radius,
@@ -15,7 +16,7 @@ from torchquat.filters._bandwidth import (
     register_bandwidth,
     shown,
 )
-from torchquat.filters._lee_shin import tangent_mean
+from torchquat.filters._lee_shin import move, tangent_mean
 from torchquat.timeline import BOUNDARIES, Boundary
 
 __all__ = ["BilateralFilter", "Kernel", "bilateral_filter"]
@@ -86,19 +87,22 @@ def bilateral_filter(
         per_joint("sigma_g", sigma_g, prepared),
     )
 
-    def weigh_both(lag: int, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
+    def weigh_both(lag: int, first: Quaternion, second: Quaternion) -> tuple[Tensor, Tensor]:
         m = weigh(lag, first, second, sigma_t, sigma_g)
         return m, m  # the distance is symmetric
 
+    def step(window: Quaternion, trust: Tensor | None) -> Vector:
+        return tangent_mean(window, trust, weigh_both, radius=radius, causal=causal)[0]
+
     unit = prepared
     for iteration in range(iterations):
-        if iteration > 0:  # paths across a gap must stay geodesic, as if it were not there
-            unit = missing.interpolate(unit, confidence[..., 0] > 0, causal=causal)
-        step, _ = tangent_mean(
-            unit, confidence, weigh_both, radius=radius, boundary=boundary, causal=causal
-        )
-        unit = so3.compose(unit, so3.exp(step))
-    return timeline.restore(unit, prepared, q)
+        if iteration > 0 and confidence is not None:
+            # paths across a gap must stay geodesic, as if it were not there
+            unit = missing.interpolate(unit, confidence > 0, causal=causal)
+        unit = move(unit, confidence, step, radius=radius, boundary=boundary)
+    if iterations > 1:  # each of them kept the hemisphere of the one before
+        unit = so3.align(unit, prepared)
+    return unit.to(q.dtype)
 
 
 class BilateralFilter(nn.Module):
@@ -171,16 +175,24 @@ class BilateralFilter(nn.Module):
 
 
 def _gaussian(
-    lag: int, first: Tensor, second: Tensor, sigma_t: float | Tensor, sigma_g: float | Tensor
+    lag: int,
+    first: Quaternion,
+    second: Quaternion,
+    sigma_t: float | Tensor,
+    sigma_g: float | Tensor,
 ) -> Tensor:
-    """Weights ``(..., J, 1)`` of pairs ``lag`` frames apart."""
-    square = so3.squared_distance(first, second)[..., None]
-    return torch.exp(-0.5 * (lag / sigma_t) ** 2 - square / (2.0 * sigma_g**2))
+    """Weights of pairs ``lag`` frames apart."""
+    square = _planes.squared_angle(first, second)
+    return torch.exp(square * (-0.5 / sigma_g**2) - 0.5 * (lag / sigma_t) ** 2)
 
 
 def _exponential(
-    lag: int, first: Tensor, second: Tensor, sigma_t: float | Tensor, sigma_g: float | Tensor
+    lag: int,
+    first: Quaternion,
+    second: Quaternion,
+    sigma_t: float | Tensor,
+    sigma_g: float | Tensor,
 ) -> Tensor:
-    """Weights ``(..., J, 1)`` as printed: unsquared, with the quaternion's own logarithm."""
-    half_angle = 0.5 * so3.distance(first, second)[..., None]
-    return torch.exp(-lag / (2.0 * sigma_t**2) - half_angle / (2.0 * sigma_g**2))
+    """Weights as printed: unsquared, with the quaternion's own logarithm, half the angle."""
+    angle = _planes.angle(first, second)
+    return torch.exp(angle * (-0.25 / sigma_g**2) - 0.5 * lag / sigma_t**2)

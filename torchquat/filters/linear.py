@@ -5,8 +5,10 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from torchquat import so3, timeline
+from torchquat import timeline
 from torchquat._checks import check_choice, check_count, check_positive
+from torchquat._eager import lowest, numbers
+from torchquat._planes import Quaternion, Vector
 from torchquat.filters._bandwidth import (
     Bandwidth,
     default_radius,
@@ -14,7 +16,7 @@ from torchquat.filters._bandwidth import (
     register_bandwidth,
     shown,
 )
-from torchquat.filters._lee_shin import tangent_mean
+from torchquat.filters._lee_shin import move, tangent_mean
 from torchquat.timeline import BOUNDARIES, Boundary
 
 __all__ = ["GaussianFilter", "LinearFilter", "gaussian_filter", "linear_filter"]
@@ -65,13 +67,8 @@ def linear_filter(
         mask = torch.cat([mask[: len(mask) // 2 + 1], torch.zeros_like(mask[: len(mask) // 2])])
     mask = mask / mask.sum(0)
 
-    window = {"boundary": timeline.past_boundary(boundary, causal), "causal": causal}
-    up, up_total = _masked_mean(unit, confidence, mask.clamp(min=0), **window)
-    down, down_total = _masked_mean(unit, confidence, -mask.clamp(max=0), **window)
-    # where one sign has no frame left, the other stands for both
-    up, down = torch.where(up_total > 0, up, down), torch.where(down_total > 0, down, up)
-    step = mask.clamp(min=0).sum(0) * up + mask.clamp(max=0).sum(0) * down
-    return timeline.restore(so3.compose(unit, so3.exp(step)), unit, q)
+    boundary = timeline.past_boundary(boundary, causal)
+    return _convolve(unit, confidence, mask, boundary=boundary, causal=causal).to(q.dtype)
 
 
 def gaussian_filter(
@@ -109,12 +106,15 @@ def gaussian_filter(
     radius = default_radius(sigma_t) if radius is None else radius
     check_count("radius", radius, 0)
     unit, confidence = timeline.prepare(q, weight, causal=causal)
-    half = torch.arange(radius + 1, dtype=unit.dtype, device=unit.device)[:, None, None]
+    half = torch.arange(radius + 1, dtype=unit.dtype, device=unit.device)[:, None]
     half = torch.exp(-0.5 * (half / per_joint("sigma_t", sigma_t, unit)).square())
     mask = torch.cat([half.flip(0), half[1:]])
     boundary = timeline.past_boundary(boundary, causal)
-    step, _ = _masked_mean(unit, confidence, mask, boundary=boundary, causal=causal)
-    return timeline.restore(so3.compose(unit, so3.exp(step)), unit, q)
+
+    def step(window: Quaternion, trust: Tensor | None) -> Vector:
+        return _masked_mean(window, trust, mask, causal=causal)[0]
+
+    return move(unit, confidence, step, radius=radius, boundary=boundary).to(q.dtype)
 
 
 class LinearFilter(nn.Module):
@@ -200,28 +200,50 @@ class GaussianFilter(nn.Module):
         )
 
 
+def _convolve(
+    unit: Tensor, confidence: Tensor | None, mask: Tensor, *, boundary: Boundary, causal: bool
+) -> Tensor:
+    """Filter with a mask ``(2k + 1, J or 1)`` that may have negative entries."""
+    rising, falling = mask.clamp(min=0), mask.clamp(max=0)
+
+    def step(window: Quaternion, trust: Tensor | None) -> Vector:
+        up, up_total = _masked_mean(window, trust, rising, causal=causal)
+        if lowest(mask) >= 0:
+            return up
+        down, down_total = _masked_mean(window, trust, -falling, causal=causal)
+        gain, loss = rising.sum(0), falling.sum(0)
+        # where one sign has no frame left, the other stands for both
+        x, y, z = (
+            gain * torch.where(up_total > 0, u, d) + loss * torch.where(down_total > 0, d, u)
+            for u, d in zip(up, down, strict=True)
+        )
+        return x, y, z
+
+    return move(unit, confidence, step, radius=len(mask) // 2, boundary=boundary)
+
+
 def _masked_mean(
-    q: Tensor, confidence: Tensor, mask: Tensor, *, boundary: Boundary, causal: bool
-) -> tuple[Tensor, Tensor]:
-    """Tangent mean for a mask ``(2k + 1, J or 1, 1)`` >= 0."""
+    window: Quaternion, trust: Tensor | None, mask: Tensor, *, causal: bool
+) -> tuple[Vector, Tensor]:
+    """Tangent mean for a mask ``(2k + 1, J or 1)`` >= 0."""
     radius = len(mask) // 2
+    rows = numbers(mask)
     return tangent_mean(
-        q,
-        confidence,
-        lambda lag, first, second: (mask[radius + lag], mask[radius - lag]),
-        centre=mask[radius],
+        window,
+        trust,
+        lambda lag, first, second: (rows[radius + lag], rows[radius - lag]),
+        centre=rows[radius],
         radius=radius,
-        boundary=boundary,
         causal=causal,
     )
 
 
 def _as_mask(mask: Tensor | Sequence[float], like: Tensor) -> Tensor:
-    """Mask ``(2k + 1, J or 1, 1)`` in the dtype of ``like``."""
+    """Mask ``(2k + 1, J or 1)`` in the dtype of ``like``."""
     mask = torch.as_tensor(mask, dtype=like.dtype, device=like.device)
     if mask.dim() not in (1, 2) or len(mask) % 2 == 0:
         raise ValueError(f"mask must have shape (2k + 1,) or (2k + 1, J), got {tuple(mask.shape)}.")
     if like.dim() > 2 and mask.dim() == 2 and mask.shape[1] not in (1, like.shape[-2]):
         joints = like.shape[-2]
         raise ValueError(f"mask must have one column or {joints}, got {mask.shape[1]}.")
-    return mask.reshape(len(mask), -1, 1)
+    return mask.reshape(len(mask), -1)

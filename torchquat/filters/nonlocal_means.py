@@ -7,8 +7,8 @@ import torch
 from torch import Tensor, nn
 
 from torchquat import so3, timeline
+from torchquat._blocks import block_times
 from torchquat._checks import check_choice, check_count, check_positive
-from torchquat._eager import blocks
 from torchquat.filters._bandwidth import Bandwidth, per_joint, register_bandwidth, shown
 from torchquat.filters._patches import Groups, PatchDistances, check_groups
 from torchquat.timeline import BOUNDARIES, Boundary
@@ -85,13 +85,19 @@ def nonlocal_pose_means(
     check_groups(groups)
     boundary = timeline.past_boundary(boundary, causal)
     unit, confidence = timeline.prepare(q, weight, causal=causal)
+    if confidence is None:
+        confidence = unit.new_ones(unit.shape[:-1])
     bandwidth = per_joint("sigma", sigma, unit)
+    bandwidth = bandwidth[..., None] if isinstance(bandwidth, Tensor) else bandwidth
     reach = patch_radius + search_radius
     padded, trust = timeline.pad(unit, confidence, reach, boundary)
+    assert trust is not None
     filtered: list[Tensor] = []
     # an embedding may look at all of its patches together, as a normalisation does
-    for start, frames in blocks(unit) if embedding is None else [(0, unit.shape[-3])]:
-        around, near = (x.narrow(-3, start, frames + 2 * reach) for x in (padded, trust))
+    times = [(0, unit.shape[-3])] if embedding is not None else block_times(unit, reach)
+    for start, frames in times:
+        around = padded.narrow(-3, start, frames + 2 * reach)
+        near = trust.narrow(-2, start, frames + 2 * reach)[..., None]
         patches = PatchDistances(
             around if chart == "local" else so3.log(around),
             near,
@@ -102,7 +108,7 @@ def nonlocal_pose_means(
             embedding=embedding,
         )
         centre = unit.narrow(-3, start, frames)
-        step = _attend(patches, confidence.narrow(-3, start, frames), bandwidth)
+        step = _attend(patches, confidence.narrow(-2, start, frames)[..., None], bandwidth)
         if chart == "global":
             filtered.append(so3.exp(so3.log(centre) + step))
         else:

@@ -76,7 +76,9 @@ class LiftingDenoiser(nn.Module):
     def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
         """Filter unit quaternions ``(..., T, J, 4)``."""
         unit, confidence = timeline.prepare(q, weight)
-        present = confidence[..., 0] > 0
+        if confidence is None:
+            confidence = unit.new_ones(unit.shape[:-1])
+        present = confidence > 0
         sigma = finest_noise(unit, present)
         first = mean = self._spin(unit, confidence, sigma, 0)
         if self.cycle_spins > 1:
@@ -92,12 +94,11 @@ class LiftingDenoiser(nn.Module):
     def _spin(self, unit: Tensor, confidence: Tensor, sigma: Tensor, shift: int) -> Tensor:
         """Denoise with ``shift`` frames put before the first: other frames become even."""
         frames = unit.shape[-3]
-        padded, trust = (
-            x.narrow(-3, 0, frames + shift)
-            for x in timeline.pad(unit, confidence, shift, "reflect")
-        )
+        padded, trust = timeline.pad(unit, confidence, shift, "reflect")
+        assert trust is not None  # for the type checker: a confidence was given
+        padded, trust = padded.narrow(-3, 0, frames + shift), trust.narrow(-2, 0, frames + shift)
         pyramid = self.transform(padded)
-        shrunk = self._shrink(pyramid.details, trust[..., 0] > 0, sigma)
+        shrunk = self._shrink(pyramid.details, trust > 0, sigma)
         whole = self.transform.inverse(Pyramid(pyramid.approx, shrunk))
         return whole.index_select(-3, torch.arange(shift, shift + frames, device=whole.device))
 
