@@ -42,7 +42,7 @@ def component_mean(q, weight=None):
 
 def long_arc(q, weight=None):
     """Increments by the quaternion's own logarithm: past a sign flip they go the long way round."""
-    relative = so3.relative(q[..., :-1, :, :], q[..., 1:, :, :])
+    relative = so3.compose(so3.inverse(q[..., :-1, :, :]), q[..., 1:, :, :])
     angle = 2 * torch.atan2(relative[..., :3].norm(dim=-1), relative[..., 3])[..., None]
     step = angle * torch.nn.functional.normalize(relative[..., :3], dim=-1)
     return torch.cat([so3.compose(q[..., :-1, :, :], so3.exp(step / 4)), q[..., -1:, :, :]], -3)

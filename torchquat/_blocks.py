@@ -1,6 +1,7 @@
 """Work cut into blocks that fit a cache."""
 
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -9,13 +10,58 @@ from torchquat import _planes
 from torchquat._eager import derivatives, visible
 from torchquat._planes import Quaternion
 
-__all__ = ["assemble", "block_times", "blocks"]
+__all__ = ["Window", "blocks", "in_windows"]
 
 BLOCK = 2**16
 """Elements of one component in a block: a few dozen such planes fit a second-level cache."""
 
 
-def assemble(make: Callable[[slice, int, int], Quaternion], like: Tensor, reach: int) -> Tensor:
+class Window(NamedTuple):
+    """What a block reads: its own frames and ``reach`` more on either side.
+
+    Attributes:
+        q: Components of unit quaternions ``(..., frames + 2 reach, J)``.
+        trust: Weights of these frames; ``None``: 1.
+        items: Batch items of the block.
+        start: Its first frame.
+        frames: How many it has.
+    """
+
+    q: Quaternion
+    trust: Tensor | None
+    items: slice
+    start: int
+    frames: int
+
+
+def in_windows(
+    make: Callable[[Window], Quaternion], padded: Tensor, trust: Tensor | None, reach: int
+) -> Tensor:
+    """Make a sequence block by block from a padded one.
+
+    Args:
+        make: From the window around a block to the components of the block.
+        padded: Unit quaternions ``(..., T + 2 reach, J, 4)``.
+        trust: Weights ``(..., T + 2 reach, J)``; ``None``: 1.
+        reach: Frames on either side of a block that it reads.
+
+    Returns:
+        Unit quaternions ``(..., T, J, 4)``.
+    """
+    batch, frames = padded.shape[:-3], padded.shape[-3] - 2 * reach
+    padded = padded.reshape(batch.numel(), *padded.shape[-3:])
+    trust = None if trust is None else trust.reshape(padded.shape[:-1])
+
+    def windowed(items: slice, start: int, frames: int) -> Quaternion:
+        span = slice(start, start + frames + 2 * reach)
+        q = _planes.split(padded[items, span])
+        return make(Window(q, None if trust is None else trust[items, span], items, start, frames))
+
+    result = _assemble(windowed, padded[:, :frames], reach)
+    return result.reshape(*batch, *result.shape[1:])
+
+
+def _assemble(make: Callable[[slice, int, int], Quaternion], like: Tensor, reach: int) -> Tensor:
     """Make a tensor block by block.
 
     Args:
@@ -42,7 +88,7 @@ def assemble(make: Callable[[slice, int, int], Quaternion], like: Tensor, reach:
         made += [torch.cat(row, 1)] if row else []
     if result is not None:
         return result
-    return torch.cat(made) if made else like
+    return torch.cat(made).contiguous() if made else like
 
 
 def blocks(q: Tensor, reach: int) -> Iterator[tuple[slice, list[tuple[int, int]]]]:
@@ -66,12 +112,3 @@ def blocks(q: Tensor, reach: int) -> Iterator[tuple[slice, list[tuple[int, int]]
     times = [(start, min(length, frames - start)) for start in range(0, frames, length)]
     for item in range(0, items, together):
         yield slice(item, item + together), times
-
-
-def block_times(q: Tensor, reach: int) -> list[tuple[int, int]]:
-    """Cut ``(..., T, J, 4)`` into blocks of time; as :func:`blocks`, the batch uncut."""
-    shape = q.shape
-    if not visible(q):
-        return [(0, shape[-3])]
-    length = max(BLOCK // max(q[..., :1, :, 0].numel(), 1), 8 * reach, 1)
-    return [(start, min(length, shape[-3] - start)) for start in range(0, shape[-3], length)]

@@ -45,9 +45,13 @@ def split(q: Tensor) -> Quaternion:
 
 
 def join(parts: Sequence[Tensor]) -> Tensor:
-    """Tensor ``(..., 4)`` or ``(..., 3)`` of components, broadcast against each other."""
-    # stacked along the last axis at once it takes more than twice as long
-    return torch.stack(torch.broadcast_tensors(*parts)).movedim(0, -1).contiguous()
+    """Tensor ``(..., 4)`` or ``(..., 3)`` of components, broadcast against each other.
+
+    The components still lie one after the other in memory, so that what comes next finds them so;
+    not in a compiler, which would tie the program to the strides that it has seen.
+    """
+    joined = torch.stack(torch.broadcast_tensors(*parts)).movedim(0, -1)
+    return joined.contiguous() if torch.compiler.is_compiling() else joined
 
 
 def cut(q: Quaternion, start: int, frames: int) -> Quaternion:

@@ -110,8 +110,8 @@ def log(q: Tensor) -> Tensor:
     Returns:
         Rotation vectors ``(..., 3)`` [rad], norm in [0, pi].
     """
-    x, y, z, w = torch.where(q[..., 3:] < 0, -q, q).unbind(-1)
-    return _planes.join(_planes.log((x, y, z, w)))
+    x, y, z, w = q.unbind(-1)
+    return _planes.join(_planes.log(_planes.upper((x, y, z, w))))
 
 
 def compose(a: Tensor, b: Tensor) -> Tensor:
@@ -144,13 +144,12 @@ def relative(a: Tensor, b: Tensor) -> Tensor:
         b: Unit quaternions ``(..., 4)``.
 
     Returns:
-        Unit quaternions ``(..., 4)``.
+        Unit quaternions ``(..., 4)``, of both signs the one with ``w >= 0``.
     """
-    opposite = _opposite(a, b)
+    b = align(b, a)
     ax, ay, az, aw = a.unbind(-1)
-    bx, by, bz, bw = torch.where(opposite, -b, b).unbind(-1)
-    near = _planes.join(_planes.relative((ax, ay, az, aw), (bx, by, bz, bw)))
-    return torch.where(opposite, -near, near)
+    bx, by, bz, bw = b.unbind(-1)
+    return _planes.join(_planes.relative((ax, ay, az, aw), (bx, by, bz, bw)))
 
 
 def slerp(a: Tensor, b: Tensor, t: float | Tensor) -> Tensor:
@@ -209,7 +208,10 @@ def align(q: Tensor, reference: Tensor) -> Tensor:
     Returns:
         Quaternions ``(..., 4)``, the same rotations as ``q``.
     """
-    return torch.where(_opposite(q, reference), -q, q)
+    cosine = _planes.dot(q.detach().unbind(-1), reference.detach().unbind(-1))
+    if lowest(cosine) >= 0:
+        return q
+    return torch.where(cosine[..., None] < 0, -q, q)
 
 
 def rotate(q: Tensor, point: Tensor) -> Tensor:
@@ -226,8 +228,3 @@ def rotate(q: Tensor, point: Tensor) -> Tensor:
     axis, w, point = torch.broadcast_tensors(axis, w, point)
     turned = torch.linalg.cross(axis, point)
     return point + 2.0 * (w * turned + torch.linalg.cross(axis, turned))
-
-
-def _opposite(a: Tensor, b: Tensor) -> Tensor:
-    """Whether two quaternions lie in different hemispheres, ``(..., 1)``."""
-    return _planes.dot(a.detach().unbind(-1), b.detach().unbind(-1))[..., None] < 0

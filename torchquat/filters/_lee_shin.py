@@ -6,12 +6,12 @@ import torch
 from torch import Tensor
 
 from torchquat import _planes, timeline
-from torchquat._blocks import assemble
+from torchquat._blocks import Window, in_windows
 from torchquat._eager import derivatives, lowest
 from torchquat._planes import Quaternion, Vector
 from torchquat.timeline import Boundary
 
-__all__ = ["Step", "Weigh", "move", "tangent_mean"]
+__all__ = ["Step", "Weigh", "add", "divided", "move", "tangent_mean"]
 
 Weigh = Callable[[int, Quaternion, Quaternion], tuple[float | Tensor, float | Tensor]]
 """``weigh(lag, first, second)`` for all pairs of frames ``lag`` apart: the weight of the second
@@ -38,19 +38,12 @@ def move(
     Returns:
         Unit quaternions ``(..., T, J, 4)``, each in the hemisphere of its input.
     """
-    padded, trust = timeline.pad(q, confidence, radius, boundary)
-    shape = padded.shape
-    padded = padded.reshape(q.shape[:-3].numel(), *shape[-3:])
-    trust = None if trust is None else trust.reshape(padded.shape[:-1])
 
-    def moved(items: slice, start: int, frames: int) -> Quaternion:
-        window = slice(start, start + frames + 2 * radius)
-        planes = _planes.split(padded[items, window])
-        v = step(planes, None if trust is None else trust[items, window])
-        turn = _planes.upper(_planes.exp(v))
-        return _planes.compose(_planes.cut(planes, radius, frames), turn)
+    def moved(window: Window) -> Quaternion:
+        turn = _planes.upper(_planes.exp(step(window.q, window.trust)))
+        return _planes.compose(_planes.cut(window.q, radius, window.frames), turn)
 
-    return assemble(moved, padded[:, : q.shape[-3]], radius).reshape(q.shape)
+    return in_windows(moved, *timeline.pad(q, confidence, radius, boundary), radius)
 
 
 def tangent_mean(
@@ -102,7 +95,7 @@ def tangent_mean(
         m = m if trust is None else m * trust.narrow(-2, first, frames)
         total = total + m
         weighted = [
-            _add(sum_, m, t.narrow(-2, first, frames), -1)
+            add(sum_, m, t.narrow(-2, first, frames), -1)
             for sum_, t in zip(weighted, travelled, strict=True)
         ]
         if not causal:
@@ -110,10 +103,10 @@ def tangent_mean(
             m = m if trust is None else m * trust.narrow(-2, radius + lag, frames)
             total = total + m
             weighted = [
-                _add(sum_, m, t.narrow(-2, radius, frames), 1)
+                add(sum_, m, t.narrow(-2, radius, frames), 1)
                 for sum_, t in zip(weighted, travelled, strict=True)
             ]
-    return _divided(weighted, total), total
+    return divided(weighted, total), total
 
 
 def _further(travelled: Tensor, increment: Tensor, lag: int) -> Tensor:
@@ -127,7 +120,7 @@ def _rows(m: float | Tensor, start: int, frames: int) -> float | Tensor:
     return m.narrow(-2, start, frames) if isinstance(m, Tensor) and m.dim() > 1 else m
 
 
-def _add(total: Tensor, m: float | Tensor, x: Tensor, sign: int) -> Tensor:
+def add(total: Tensor, m: float | Tensor, x: Tensor, sign: int) -> Tensor:
     """``total + sign m x``, in place where no derivative needs it."""
     place = None if derivatives(total, x) or (isinstance(m, Tensor) and derivatives(m)) else total
     if not isinstance(m, Tensor):
@@ -135,7 +128,7 @@ def _add(total: Tensor, m: float | Tensor, x: Tensor, sign: int) -> Tensor:
     return torch.addcmul(total, m, x, value=sign, out=place)
 
 
-def _divided(weighted: list[Tensor], total: Tensor) -> Vector:
+def divided(weighted: list[Tensor], total: Tensor) -> Vector:
     """The means, 0 where the window is empty."""
     if lowest(total) > 0:
         inverse = total.reciprocal()

@@ -1,134 +1,180 @@
-"""Distances between patches of frames: one squared difference per lag and a running mean."""
+"""Distances between patches of frames: one squared difference per lag and a running sum."""
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor
 
-from torchquat import so3
+from torchquat import _planes, so3
+from torchquat._planes import Vector
 
-__all__ = ["Groups", "PatchDistances", "box_sum", "check_groups"]
+__all__ = ["Groups", "Neighbour", "Patches", "box_sum", "check_groups", "features", "members"]
 
 Groups = Literal["pose", "joint"] | Sequence[int]
 """Joints that share weights: all, none, or those with the same number."""
 
 
-class PatchDistances:
-    """Mean squared differences between the patch of every frame and those of its neighbours.
+class Neighbour(NamedTuple):
+    """What every frame of a block sees a certain number of frames away.
+
+    Attributes:
+        distance: Of the patches [rad^2], ``(..., T, J)``, or one column for all joints.
+        votes: Weight of the neighbour before the kernel ``(..., T, J)``, 0 where nothing can be
+            compared; ``None``: 1.
+        difference: From the earlier of both to the later, ``(..., T, J)`` each.
+        side: 1 where the neighbour is the later one, -1 where it is the earlier.
+    """
+
+    distance: Tensor
+    votes: Tensor | None
+    difference: Vector
+    side: int
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Which patches are compared, and how.
 
     A patch is never gathered: for one lag, the squared difference of every pair of frames is
     computed once, and a running sum over time turns it into the distance of every pair of patches.
 
-    Args:
-        padded: Unit quaternions ``(..., T + 2 (R + S), J, 4)``, compared in the local chart, or
-            their logarithms ``(..., J, 3)``, compared as vectors.
-        trust: Confidences ``(..., T + 2 (R + S), J, 1)``.
-        groups: See :data:`Groups`.
+    Attributes:
+        members: Joints of every group; ``None`` where each joint is its own.
         patch_radius: R, half-width of a patch [frames].
         search_radius: S, largest lag [frames].
         causal: Patches end at their frame, and neighbours lie in the past.
-        embedding: Function of patches to features, see :func:`nonlocal_pose_means`.
-
-    Raises:
-        ValueError: If ``groups`` does not have a number for every joint, or the embedding gives
-            something else than features ``(..., N, F)``.
     """
 
-    def __init__(
-        self,
-        padded: Tensor,
-        trust: Tensor,
-        *,
-        groups: Groups,
-        patch_radius: int,
-        search_radius: int,
-        causal: bool,
-        embedding: Callable[[Tensor], Tensor] | None = None,
-    ) -> None:
-        self._padded, self._trust = padded, trust
-        self._members = _members(groups, padded.shape[-2])
-        self._start = patch_radius + search_radius
-        self._search = search_radius
-        self._width = patch_radius + 1 if causal else 2 * patch_radius + 1
-        self._patches = padded.shape[-3] - 2 * patch_radius  # T + 2 S
-        self._frames = self._patches - 2 * search_radius
-        self._learned = None if embedding is None else self._features(embedding, patch_radius)
-        self._sides = (-1,) if causal else (-1, 1)
-        self.lags = range(1, search_radius + 1)
+    members: list[list[int]] | None
+    patch_radius: int
+    search_radius: int
+    causal: bool
 
-    def neighbours(self, lag: int) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-        """The frames ``lag`` earlier and, unless causal, ``lag`` later.
+    @property
+    def reach(self) -> int:
+        """Frames on either side of a block that are read."""
+        return self.patch_radius + self.search_radius
 
-        Yields:
-            Distances of patches [rad^2] and votes before the kernel, both ``(..., T, J, 1)`` (the
-            former may have one joint for all), votes 0 where nothing can be compared; and the
-            differences ``(..., T, J, 3)`` [rad] from every frame to its neighbour.
+    @property
+    def width(self) -> int:
+        """Frames of a patch."""
+        return self.patch_radius + 1 if self.causal else 2 * self.patch_radius + 1
+
+    def neighbours(
+        self, window: Sequence[Tensor], trust: Tensor | None, learned: Tensor | None
+    ) -> Iterator[Neighbour]:
+        """All neighbours of a block, lag by lag.
+
+        Args:
+            window: Components ``(..., T + 2 (R + S), J)`` of unit quaternions, compared in the
+                local chart, or three of their logarithms, compared as vectors.
+            trust: Confidences of these frames; ``None``: 1.
+            learned: Features of their patches, ``(..., T + 2 S, F)``, added to the distance.
         """
-        difference = self._difference(lag)
-        distance, common = self._distance(lag, difference)
-        for side in self._sides:
-            patch = self._search if side > 0 else self._search - lag
-            pair = self._start if side > 0 else self._start - lag
-            near, shared = (
-                self._spread(x.narrow(-2, patch, self._frames)) for x in (distance, common)
+        frames = window[0].shape[-2] - 2 * self.reach
+        for lag in range(1, self.search_radius + 1):
+            start, pairs = self.search_radius - lag, frames + lag
+            spanned = pairs + 2 * self.patch_radius
+            v = _difference(
+                *([x.narrow(-2, n, spanned) for x in window] for n in (start, start + lag))
             )
-            votes = self._trust.narrow(-3, self._start + side * lag, self._frames)
-            yield (
-                near,
-                torch.where(shared > 0, votes, 0.0),
-                side * difference.narrow(-3, pair, self._frames),
-            )
+            both = None if trust is None else _pairs(trust, start, lag, spanned)
+            distance, common = self._distance(v, both, pairs)
+            if learned is not None:
+                near, far = (learned.narrow(-2, n, pairs) for n in (start, start + lag))
+                distance = distance + (far - near).square().mean(-1, keepdim=True)
+            for side in (-1,) if self.causal else (-1, 1):
+                place = 0 if side < 0 else lag
+                votes = None
+                if trust is not None and common is not None:
+                    votes = trust.narrow(-2, self.reach + side * lag, frames)
+                    votes = torch.where(common.narrow(-2, place, frames) > 0, votes, 0.0)
+                x, y, z = (c.narrow(-2, self.patch_radius + place, frames) for c in v)
+                yield Neighbour(distance.narrow(-2, place, frames), votes, (x, y, z), side)
 
-    def _difference(self, lag: int) -> Tensor:
-        """From every frame to the one ``lag`` later, ``(..., N - lag, J, 3)`` [rad]."""
-        first, second = self._padded[..., :-lag, :, :], self._padded[..., lag:, :, :]
-        return second - first if first.shape[-1] == 3 else so3.log(so3.relative(first, second))
-
-    def _distance(self, lag: int, difference: Tensor) -> tuple[Tensor, Tensor]:
-        """Distances of patches and how much they have in common, ``(..., T + 2 S - lag, G)``."""
-        trust = (self._trust[..., :-lag, :, :] * self._trust[..., lag:, :, :])[..., 0]
-        square = difference.square().sum(-1) * trust
+    def _distance(self, v: Vector, both: Tensor | None, pairs: int) -> tuple[Tensor, Tensor | None]:
+        """Distances of pairs of patches and how much they have in common (``None``: all)."""
+        square = _planes.dot(v, v)
+        if both is None:
+            total = box_sum(self._grouped(square), self.width).narrow(-2, 0, pairs)
+            return self._spread(total / (3.0 * self.width * self._sizes(total))), None
         total, common = (
-            box_sum(self._grouped(x), self._width).narrow(-2, 0, self._patches - lag)
-            for x in (square, trust)
+            box_sum(self._grouped(x), self.width).narrow(-2, 0, pairs)
+            for x in (square * both, both)
         )
         distance = total / torch.where(common > 0, 3.0 * common, 1.0)
-        if self._learned is not None:
-            apart = self._learned[..., lag:, :] - self._learned[..., :-lag, :]
-            distance = distance + apart.square().mean(-1, keepdim=True)
-        return distance, common
+        return self._spread(distance), self._spread(common)
+
+    def _sizes(self, like: Tensor) -> float | Tensor:
+        """Joints of every group."""
+        if self.members is None:
+            return 1.0
+        if len(self.members) == 1:
+            return float(max(len(self.members[0]), 1))
+        return like.new_tensor([len(joints) for joints in self.members])
 
     def _grouped(self, x: Tensor) -> Tensor:
         """Sum over the joints of every group: ``(..., N, J)`` to ``(..., N, G)``."""
-        if self._members is None:
+        if self.members is None:
             return x
-        return torch.stack([x[..., joints].sum(-1) for joints in self._members], -1)
+        if len(self.members) == 1:
+            return x.sum(-1, keepdim=True)
+        return torch.stack([x[..., joints].sum(-1) for joints in self.members], -1)
 
     def _spread(self, x: Tensor) -> Tensor:
-        """Give every joint the value of its group: ``(..., N, G)`` to ``(..., N, J or 1, 1)``."""
-        if self._members is None or len(self._members) == 1:
-            return x[..., None]
-        group = {joint: g for g, joints in enumerate(self._members) for joint in joints}
-        return x[..., [group[joint] for joint in sorted(group)]][..., None]
+        """Give every joint the value of its group: ``(..., N, G)`` to ``(..., N, J or 1)``."""
+        if self.members is None or len(self.members) == 1:
+            return x
+        group = {joint: g for g, joints in enumerate(self.members) for joint in joints}
+        return x[..., [group[joint] for joint in sorted(group)]]
 
-    def _features(self, embedding: Callable[[Tensor], Tensor], patch_radius: int) -> Tensor:
-        """Features of the patches of all frames, ``(..., T + 2 S, F)``."""
-        places = range(self._width)
-        patch = torch.stack([self._padded.narrow(-3, p, self._patches) for p in places], -3)
-        present = torch.stack([self._trust.narrow(-3, p, self._patches) for p in places], -3) > 0
-        if patch.shape[-1] == 4:
-            centre = self._padded.narrow(-3, patch_radius, self._patches)[..., None, :, :]
-            patch = so3.log(so3.relative(centre, patch))
-            # relative to a missing frame, nothing is known
-            present = present & (present[..., patch_radius : patch_radius + 1, :, :])
-        features = embedding(torch.where(present, patch, 0.0))
-        if features.shape[:-1] != patch.shape[:-3]:
-            raise ValueError(
-                f"embedding must give features {(*patch.shape[:-3], 'F')}, "
-                f"got {tuple(features.shape)}."
-            )
-        return features
+
+def _difference(first: Sequence[Tensor], second: Sequence[Tensor]) -> Vector:
+    """From one to the other [rad], of quaternions or of their logarithms."""
+    if len(first) == 3:
+        x, y, z = (b - a for a, b in zip(first, second, strict=True))
+        return x, y, z
+    (ax, ay, az, aw), (bx, by, bz, bw) = first, second
+    return _planes.log(_planes.upper(_planes.relative((ax, ay, az, aw), (bx, by, bz, bw))))
+
+
+def _pairs(trust: Tensor, start: int, lag: int, pairs: int) -> Tensor:
+    """Confidence of both frames together."""
+    return trust.narrow(-2, start, pairs) * trust.narrow(-2, start + lag, pairs)
+
+
+def features(
+    embedding: Callable[[Tensor], Tensor], padded: Tensor, trust: Tensor, patches: Patches
+) -> Tensor:
+    """Features of the patches of all frames, ``(..., T + 2 S, F)``.
+
+    Args:
+        embedding: See :func:`nonlocal_pose_means`.
+        padded: Unit quaternions ``(..., T + 2 (R + S), J, 4)`` or their logarithms.
+        trust: Confidences ``(..., T + 2 (R + S), J)``.
+        patches: Which.
+
+    Raises:
+        ValueError: If the embedding gives something else than features ``(..., N, F)``.
+    """
+    radius = patches.patch_radius
+    count = padded.shape[-3] - 2 * radius
+    places = range(patches.width)
+    patch = torch.stack([padded.narrow(-3, p, count) for p in places], -3)
+    present = torch.stack([trust.narrow(-2, p, count) for p in places], -2) > 0
+    if patch.shape[-1] == 4:
+        centre = padded.narrow(-3, radius, count)[..., None, :, :]
+        patch = so3.log(so3.relative(centre, patch))
+        # relative to a missing frame, nothing is known
+        present = present & present[..., radius : radius + 1, :]
+    found = embedding(torch.where(present[..., None], patch, 0.0))
+    if found.shape[:-1] != patch.shape[:-3]:
+        raise ValueError(
+            f"embedding must give features {(*patch.shape[:-3], 'F')}, got {tuple(found.shape)}."
+        )
+    return found
 
 
 def box_sum(x: Tensor, width: int) -> Tensor:
@@ -165,7 +211,7 @@ def check_groups(groups: Groups) -> None:
         raise TypeError(f"groups must be pose, joint, or a number for every joint, got {groups!r}.")
 
 
-def _members(groups: Groups, joints: int) -> list[list[int]] | None:
+def members(groups: Groups, joints: int) -> list[list[int]] | None:
     """Joints of every group; ``None`` where each joint is its own."""
     if groups == "joint":
         return None

@@ -1,16 +1,25 @@
 """Dean's non-local pose means: patch attention along time."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Literal, get_args
 
 import torch
 from torch import Tensor, nn
 
-from torchquat import so3, timeline
-from torchquat._blocks import block_times
+from torchquat import _planes, so3, timeline
+from torchquat._blocks import Window, in_windows
 from torchquat._checks import check_choice, check_count, check_positive
+from torchquat._planes import Quaternion, Vector
 from torchquat.filters._bandwidth import Bandwidth, per_joint, register_bandwidth, shown
-from torchquat.filters._patches import Groups, PatchDistances, check_groups
+from torchquat.filters._lee_shin import add, divided
+from torchquat.filters._patches import (
+    Groups,
+    Neighbour,
+    Patches,
+    check_groups,
+    features,
+    members,
+)
 from torchquat.timeline import BOUNDARIES, Boundary
 
 __all__ = ["Chart", "NonLocalPoseMeans", "nonlocal_pose_means"]
@@ -85,60 +94,77 @@ def nonlocal_pose_means(
     check_groups(groups)
     boundary = timeline.past_boundary(boundary, causal)
     unit, confidence = timeline.prepare(q, weight, causal=causal)
-    if confidence is None:
-        confidence = unit.new_ones(unit.shape[:-1])
     bandwidth = per_joint("sigma", sigma, unit)
-    bandwidth = bandwidth[..., None] if isinstance(bandwidth, Tensor) else bandwidth
-    reach = patch_radius + search_radius
-    padded, trust = timeline.pad(unit, confidence, reach, boundary)
-    assert trust is not None
-    filtered: list[Tensor] = []
-    # an embedding may look at all of its patches together, as a normalisation does
-    times = [(0, unit.shape[-3])] if embedding is not None else block_times(unit, reach)
-    for start, frames in times:
-        around = padded.narrow(-3, start, frames + 2 * reach)
-        near = trust.narrow(-2, start, frames + 2 * reach)[..., None]
-        patches = PatchDistances(
-            around if chart == "local" else so3.log(around),
-            near,
-            groups=groups,
-            patch_radius=patch_radius,
-            search_radius=search_radius,
-            causal=causal,
-            embedding=embedding,
-        )
-        centre = unit.narrow(-3, start, frames)
-        step = _attend(patches, confidence.narrow(-2, start, frames)[..., None], bandwidth)
-        if chart == "global":
-            filtered.append(so3.exp(so3.log(centre) + step))
+    patches = Patches(members(groups, unit.shape[-2]), patch_radius, search_radius, causal)
+    padded, trust = timeline.pad(unit, confidence, patches.reach, boundary)
+    learned = None
+    if embedding is not None:
+        known = padded.new_ones(padded.shape[:-1]) if trust is None else trust
+        charted = padded if chart == "local" else so3.log(padded)
+        learned = features(embedding, charted, known, patches)
+        learned = learned.reshape(unit.shape[:-3].numel(), *learned.shape[-2:])
+
+    def moved(window: Window) -> Quaternion:
+        centre = _planes.cut(window.q, patches.reach, window.frames)
+        near = None
+        if learned is not None:
+            span = window.frames + 2 * search_radius
+            near = learned[window.items].narrow(-2, window.start, span)
+        if chart == "local":
+            around = _planes.align_path(window.q)
         else:
-            filtered.append(so3.compose(centre, so3.exp(step)))
-    return timeline.restore(torch.cat(filtered, -3), unit, q)
+            around = _planes.log(_planes.upper(window.q))
+        seen = patches.neighbours(around, window.trust, near)
+        turn = _attend(seen, centre[0], _middle(window, patches.reach), bandwidth)
+        if chart == "local":
+            return _planes.compose(centre, _planes.upper(_planes.exp(turn)))
+        own = _planes.log(_planes.upper(centre))
+        x, y, z = (a + b for a, b in zip(own, turn, strict=True))
+        return _planes.exp((x, y, z))
+
+    return timeline.restore(in_windows(moved, padded, trust, patches.reach), unit, q)
 
 
-def _attend(patches: PatchDistances, confidence: Tensor, sigma: float | Tensor) -> Tensor:
-    """Weighted mean of the differences to all neighbours, ``(..., T, J, 3)`` [rad].
+def _middle(window: Window, reach: int) -> Tensor | None:
+    """Confidences of the frames of a block themselves."""
+    return None if window.trust is None else window.trust.narrow(-2, reach, window.frames)
 
-    In one pass over the lags: weights are taken relative to the largest one so far, and what is
-    already added up is scaled down where a larger one comes. Where even the largest underflows, the
-    mean is still right.
+
+def _attend(
+    neighbours: Iterable[Neighbour],
+    like: Tensor,
+    confidence: Tensor | None,
+    sigma: float | Tensor,
+) -> Vector:
+    """Weighted mean of the differences to all neighbours, ``(..., T, J)`` each [rad].
+
+    Weights are taken relative to the largest, which is the centre's: where even that one
+    underflows, the mean is still right.
     """
-    lowest = torch.finfo(confidence.dtype).min
-    best = torch.full_like(confidence, lowest)  # the centre's exponent: the largest of the others
-    total = torch.zeros_like(confidence)
-    weighted = confidence.new_zeros(*confidence.shape[:-1], 3)
-    for lag in patches.lags:
-        for distance, votes, difference in patches.neighbours(lag):
-            exponent = -0.5 * distance / sigma**2
-            larger = torch.maximum(best, torch.where(votes > 0, exponent, lowest))
-            top = larger.detach()  # a common factor: the mean does not depend on it
-            shrink = torch.exp(best.detach() - top)
-            m = votes * torch.exp(torch.where(votes > 0, exponent - top, 0.0))
-            total, weighted = shrink * total + m, shrink * weighted + m * difference
-            best = larger
-    total = total + confidence * torch.exp(best - best.detach())
-    empty = total <= 0
-    return torch.where(empty, 0.0, weighted / torch.where(empty, 1.0, total))
+    lowest = torch.finfo(like.dtype).min
+    seen = [
+        (_where(each.votes, each.distance * (-0.5 / sigma**2), lowest), each) for each in neighbours
+    ]
+    best = like.new_full((), lowest)
+    for exponent, _ in seen:
+        best = torch.maximum(best, exponent)
+
+    top = best.detach()  # a common factor: the mean does not depend on it
+    total = torch.exp(best - top)
+    total = total if confidence is None else total * confidence
+    weighted = [torch.zeros_like(like) for _ in range(3)]
+    for exponent, (_, votes, difference, side) in seen:
+        m = torch.exp(_where(votes, exponent - top, 0.0))
+        m = m if votes is None else votes * m
+        total = total + m
+        m = m.expand_as(like).contiguous()
+        weighted = [add(w, m, d, side) for w, d in zip(weighted, difference, strict=True)]
+    return divided(weighted, total)
+
+
+def _where(votes: Tensor | None, x: Tensor, other: float) -> Tensor:
+    """``x`` where something votes."""
+    return x if votes is None else torch.where(votes > 0, x, other)
 
 
 class NonLocalPoseMeans(nn.Module):

@@ -79,7 +79,8 @@ class LiftingDenoiser(nn.Module):
         if confidence is None:
             confidence = unit.new_ones(unit.shape[:-1])
         present = confidence > 0
-        sigma = finest_noise(unit, present)
+        estimated = isinstance(self.rule, str) and self.rule != "finest"
+        sigma = finest_noise(unit, present) if estimated else None
         first = mean = self._spin(unit, confidence, sigma, 0)
         if self.cycle_spins > 1:
             step = torch.zeros_like(first[..., :3])
@@ -91,7 +92,7 @@ class LiftingDenoiser(nn.Module):
         known = present.sum(-2)[..., None, :, None] > 0
         return timeline.restore(torch.where(known, mean, unit), unit, q)
 
-    def _spin(self, unit: Tensor, confidence: Tensor, sigma: Tensor, shift: int) -> Tensor:
+    def _spin(self, unit: Tensor, confidence: Tensor, sigma: Tensor | None, shift: int) -> Tensor:
         """Denoise with ``shift`` frames put before the first: other frames become even."""
         frames = unit.shape[-3]
         padded, trust = timeline.pad(unit, confidence, shift, "reflect")
@@ -103,7 +104,7 @@ class LiftingDenoiser(nn.Module):
         return whole.index_select(-3, torch.arange(shift, shift + frames, device=whole.device))
 
     def _shrink(
-        self, details: tuple[Tensor, ...], present: Tensor, sigma: Tensor
+        self, details: tuple[Tensor, ...], present: Tensor, sigma: Tensor | None
     ) -> tuple[Tensor, ...]:
         if self.rule == "finest":
             return tuple(torch.zeros_like(detail) for detail in details)
@@ -111,11 +112,11 @@ class LiftingDenoiser(nn.Module):
         for level in range(self.levels - 1, -1, -1):  # finest first, as frames are halved
             detail = details[level]
             valid, present = detail_validity(present)
-            if isinstance(self.rule, str):
+            if isinstance(self.rule, str) and sigma is not None:
                 own = sigma * self.noise_gain[level]
                 t = threshold(self.rule, norm(detail), valid[..., None], own)
             else:
-                t = torch.full_like(sigma, self.thresholds[level] if self.thresholds else 0.0)
+                t = detail.new_full((), self.thresholds[level] if self.thresholds else 0.0)
             if self.log_scale is not None:
                 t = t * self.log_scale[level].exp().to(detail.dtype)
             shrunk.insert(0, shrink(detail, t, self.shrinkage))
