@@ -6,14 +6,20 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 import _clips as clips
+import _competitors as competitors
 import benchmark_memory
+import benchmark_speed
 import multiresolution
 import plot_motion
 import pytest
 import reproduce_courty2008 as courty
 import reproduce_dean as dean
 import reproduce_szczesna2012 as szczesna
+import torch
 from bvh_files import one_joint
+from motions import smooth_motion
+
+from torchquat import bilateral_filter, gaussian_filter, metrics, noise, so3
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -141,3 +147,32 @@ def test_memory_is_measured(capsys, monkeypatch):
     assert benchmark_memory.main(["--frames", "20000", "--joints", "24"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert 1.0 < row(lines, "non-local, pose")[0] < 40.0  # a sensible figure, not a target
+
+
+def test_speed_is_measured(tmp_path, capsys):
+    arguments = ["--frames", "64", "96", "--joints", "2", "--slow", "--output", str(tmp_path)]
+    assert benchmark_speed.main(arguments) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert row(lines, benchmark_speed.UNIT)[1] == 1.0
+    for name in (*benchmark_speed.FILTERS, "SmoothNet-shaped network", "copy of the tensor"):
+        assert row(lines, f"{name} ")[0] > 0.0
+    assert (tmp_path / "speed_2_joints_1_threads.png").exists()
+
+
+@pytest.mark.parametrize("name", [*competitors.COMPETITORS, *competitors.SLOW])
+def test_competitors_smooth_what_they_are_given(name, rng):
+    """They are there to be compared with: each must do its work, if in its own way."""
+    clean = gaussian_filter(smooth_motion(frames=60, joints=2, step=0.05, rng=rng), sigma_t=3.0)
+    noisy = noise.gaussian(clean, 0.05, generator=rng)
+    run = (competitors.COMPETITORS | competitors.SLOW)[name]
+    smooth = torch.from_numpy(run(noisy.numpy()))
+    before, after = (metrics.mean_squared_error(q, clean) for q in (noisy, smooth))
+    assert after < 0.6 * before, f"{before:.2e} -> {after:.2e} rad^2"
+    if name == "Courty's pseudo-code in loops":
+        ours = bilateral_filter(noisy, sigma_t=1.0, sigma_g=0.3, boundary="replicate")
+        assert so3.distance(smooth, ours).mean() < 0.01  # log maps instead of summed increments
+
+
+def test_the_network_takes_every_frame():
+    network = competitors.smooth_net(2)
+    assert network(torch.rand(70, 2, 4)).shape == (70, 2, 4)
