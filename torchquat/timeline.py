@@ -5,13 +5,14 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-from torchquat import missing, so3
+from torchquat import _planes, missing, so3
 from torchquat._checks import check_choice, check_signal
 
 __all__ = [
     "BOUNDARIES",
     "Boundary",
     "first_frames",
+    "interleave",
     "pad",
     "past_boundary",
     "prepare",
@@ -144,5 +145,22 @@ def _continue(q: Tensor, padded: Tensor, overshoot: Tensor) -> Tensor:
 
 
 def first_frames(x: Tensor, frames: int, dim: int = -3) -> Tensor:
-    """The first frames of ``x``; unlike a slice, this leaves an exported program's length open."""
+    """The first frames of ``x``; an exported program's length stays open."""
+    if not torch.compiler.is_compiling():
+        return x.narrow(dim, 0, frames)
     return x.index_select(dim, torch.arange(frames, device=x.device))
+
+
+def interleave(even: Tensor, odd: Tensor) -> Tensor:
+    """Frames of both in turn, ``(..., N, J, 4)`` and as many or one fewer, even ones first."""
+    evens, odds = even.shape[-3], odd.shape[-3]
+    if torch.compiler.is_compiling():  # which must not ask how many there are
+        frame = torch.arange(evens + odds, device=even.device)
+        place = frame // 2 + evens * (frame % 2)
+        return torch.cat([even, odd], -3).index_select(-3, place)
+    # component by component, so that they still lie one after the other in memory
+    planes = [
+        torch.cat([torch.stack([e[..., :odds, :], o], -2).flatten(-3, -2), e[..., odds:, :]], -2)
+        for e, o in zip(even.unbind(-1), odd.unbind(-1), strict=True)
+    ]
+    return _planes.join(planes)

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from torchquat import so3, timeline
 from torchquat._checks import check_choice, check_count
+from torchquat._eager import lowest
 from torchquat.filters._prediction import (
     BezierPredict,
     HaarPredict,
@@ -90,13 +91,12 @@ class LiftingStep(nn.Module):
         evens, odds = coarse.shape[-3], detail.shape[-3]
         even = so3.compose(coarse, so3.exp(-self._step(detail, evens)))
         odd = so3.compose(self._predicted(even, odds), so3.exp(detail))
-        frame = torch.arange(evens + odds, device=coarse.device)
-        place = frame // 2 + evens * (frame % 2)
-        return torch.cat([even, odd], -3).index_select(-3, place)
+        return timeline.interleave(even, odd)
 
     def _predicted(self, even: Tensor, odds: int) -> Tensor:
         # one sign for both ways: a frame may come back as -q, and a module may care
-        even = torch.where(even[..., 3:] < 0, -even, even)
+        if not lowest(even[..., 3]) >= 0:  # also where it cannot be seen
+            even = torch.where(even[..., 3:] < 0, -even, even)
         return so3.normalize(timeline.first_frames(self.predict(even), odds))
 
     def _step(self, detail: Tensor, evens: int) -> Tensor:
@@ -206,5 +206,7 @@ def _steps(wavelet: Wavelet | LiftingStep | Sequence[LiftingStep]) -> list[Lifti
 
 def _lengthened(x: Tensor, frames: int) -> Tensor:
     """Put zeros after the last frame, where ``x`` is one frame shorter than ``frames``."""
+    if not torch.compiler.is_compiling() and x.shape[-3] == frames:
+        return x
     zero = torch.zeros_like(x.sum(-3, keepdim=True))  # also where x is empty
     return timeline.first_frames(torch.cat([x, zero], -3), frames)

@@ -95,12 +95,20 @@ class LiftingDenoiser(nn.Module):
     def _spin(self, unit: Tensor, confidence: Tensor, sigma: Tensor | None, shift: int) -> Tensor:
         """Denoise with ``shift`` frames put before the first: other frames become even."""
         frames = unit.shape[-3]
-        padded, trust = timeline.pad(unit, confidence, shift, "reflect")
-        assert trust is not None  # for the type checker: a confidence was given
-        padded, trust = padded.narrow(-3, 0, frames + shift), trust.narrow(-2, 0, frames + shift)
+        padded, trust = unit, confidence
+        if shift > 0:
+            around, seen = timeline.pad(unit, confidence, shift, "reflect")
+            assert seen is not None  # for the type checker: a confidence was given
+            padded, trust = (
+                timeline.first_frames(around, frames + shift),
+                timeline.first_frames(seen, frames + shift, -2),
+            )
         pyramid = self.transform(padded)
         shrunk = self._shrink(pyramid.details, trust > 0, sigma)
         whole = self.transform.inverse(Pyramid(pyramid.approx, shrunk))
+        # a compiler cannot tell that the lengths are alike
+        if shift == 0 and not torch.compiler.is_compiling():
+            return whole
         return whole.index_select(-3, torch.arange(shift, shift + frames, device=whole.device))
 
     def _shrink(
