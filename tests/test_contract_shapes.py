@@ -9,7 +9,14 @@ import torch
 from filters_under_test import ALL
 from motions import BOUND, IDENTITY, assert_same_rotation, random_rotations, smooth_motion
 
-from torchquat import BilateralFilter, GaussianFilter, LinearFilter, fill_missing, validity
+from torchquat import (
+    BilateralFilter,
+    GaussianFilter,
+    LinearFilter,
+    _blocks,
+    fill_missing,
+    validity,
+)
 
 
 @pytest.fixture(params=ALL)
@@ -179,3 +186,17 @@ def test_B21_deterministic_algorithms(run, rng):
     finally:
         torch.use_deterministic_algorithms(False)
     assert q.grad.isfinite().all()
+
+
+@pytest.mark.parametrize("size", [1, 40, 100])
+def test_B19_chunks_of_any_size_make_no_difference(size, run, rng, monkeypatch):
+    """Blocks of the batch, of time, and of both; where frames are missing, and where none is."""
+    q = smooth_motion(5, frames=41, rng=rng)
+    gappy = q.clone()
+    gappy[1, 7:12, 0] = torch.nan
+    whole = [run(each) for each in (q, gappy)]
+    monkeypatch.setattr(_blocks, "BLOCK", size)
+    for each, expected in zip((q, gappy), whole, strict=True):
+        assert torch.equal(run(each), expected)
+        slope = run(each.clone().requires_grad_())
+        assert_same_rotation(slope.detach(), expected)
