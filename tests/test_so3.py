@@ -3,13 +3,14 @@
 import math
 from itertools import product
 
+import numpy as np
 import pytest
 import torch
 from motions import IDENTITY, angle_between, assert_same_rotation, numpy_of, random_rotations
 from scipy.spatial.transform import Rotation
 from torch.autograd import gradcheck, gradgradcheck
 
-from torchquat import so3
+from torchquat import _planes, so3
 
 AXES = [axis for axis in product((-1.0, 0.0, 1.0), repeat=3) if any(axis)]
 
@@ -201,3 +202,19 @@ def test_C7_second_derivatives_of_log_at_identity_are_finite(dtype):
     q = IDENTITY.to(dtype).clone().requires_grad_()
     hessian = torch.autograd.functional.hessian(lambda q: so3.log(q).sum(), q)
     assert hessian.isfinite().all()
+
+
+@pytest.mark.parametrize("grad", [False, True], ids=["plain", "series"])
+def test_functions_with_a_removable_singularity_have_all_their_digits(grad):
+    """Both forms, near the singularity and away from it, against NumPy."""
+    square = np.logspace(-12, np.log10(0.5), 400)
+    root = np.sqrt(square)
+    x = torch.from_numpy(square).requires_grad_(grad)
+    sinc, cosine = _planes._sinc_and_cosine(x)
+    for actual, expected in (
+        (_planes._squared_arcsine(x), np.arcsin(root) ** 2),
+        (_planes._arctangent_over(x), np.arctan(root) / root),
+        (sinc, np.sin(root) / root),
+        (cosine, np.cos(root)),
+    ):
+        assert np.abs(actual.detach().numpy() / expected - 1.0).max() < 2e-15
