@@ -14,6 +14,7 @@ __all__ = ["plt", "save"]
 def save(figure: Figure, path: Path) -> None:
     """Write a PNG, with its folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.tight_layout()
+    if figure.get_layout_engine() is None:
+        figure.tight_layout()
     figure.savefig(path, dpi=100)
     plt.close(figure)

@@ -88,9 +88,7 @@ def draw_features(q: Tensor, names: Sequence[str], frame_rate: float, path: Path
     bottom.set_yticks(range(len(names)), names, fontsize=7)
     bottom.set_xlabel("frame")
     figure.colorbar(image, ax=bottom, label="salience")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    save(figure, path)
     lines = ["Features: frames where details stand out, and the joint that does most"]
     for frame in peaks:
         joint = names[int(score[frame].argmax())]

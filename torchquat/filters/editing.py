@@ -56,11 +56,10 @@ def stored_share(pyramid: Pyramid) -> Tensor:
     """
     stored = [(detail != 0).any(-1).sum((-2, -1)) for detail in pyramid.details]
     coarse, joints = pyramid.approx.shape[-3:-1]
-    frames = coarse + sum(detail.shape[-3] for detail in pyramid.details)
     if not stored:
         return pyramid.approx.new_ones(pyramid.approx.shape[:-3])
     kept = sum(stored, torch.full_like(stored[0], coarse * joints))
-    return kept.to(pyramid.approx.dtype) / max(frames * joints, 1)
+    return kept.to(pyramid.approx.dtype) / max(_frames(pyramid) * joints, 1)
 
 
 def salience(pyramid: Pyramid) -> Tensor:
@@ -76,7 +75,7 @@ def salience(pyramid: Pyramid) -> Tensor:
         Values ``(..., T, J)`` >= 0, around 1 where nothing stands out.
     """
     levels = len(pyramid.details)
-    frames = pyramid.approx.shape[-3] + sum(detail.shape[-3] for detail in pyramid.details)
+    frames = _frames(pyramid)
     total = pyramid.approx.new_zeros(*pyramid.approx.shape[:-3], frames, pyramid.approx.shape[-2])
     for level, detail in enumerate(pyramid.details):
         length = norm(detail)
@@ -109,3 +108,8 @@ def scale_details(pyramid: Pyramid, gains: Sequence[float]) -> Pyramid:
         )
     details = zip(gains, pyramid.details, strict=True)
     return Pyramid(pyramid.approx, tuple(gain * detail for gain, detail in details))
+
+
+def _frames(pyramid: Pyramid) -> int:
+    """Length of the motion that was split: every detail stands for one frame."""
+    return pyramid.approx.shape[-3] + sum(detail.shape[-3] for detail in pyramid.details)

@@ -122,7 +122,9 @@ def nonlocal_pose_means(
         x, y, z = (a + b for a, b in zip(own, turn, strict=True))
         return _planes.exp((x, y, z))
 
-    return timeline.restore(in_windows(moved, padded, trust, patches.reach), unit, q)
+    result = in_windows(moved, padded, trust, patches.reach)
+    # in the local chart every frame has kept its hemisphere already
+    return result.to(q.dtype) if chart == "local" else timeline.restore(result, unit, q)
 
 
 def _middle(window: Window, reach: int) -> Tensor | None:
