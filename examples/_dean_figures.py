@@ -71,7 +71,7 @@ def _curve(q: Tensor, clean: Tensor, channel: tuple[int, int]) -> Tensor:
 
 def _channels(q: Tensor, clean: Tensor) -> Tensor:
     """Rotation vectors ``(T, J, 3)`` from the first clean pose: none is torn apart at pi."""
-    return so3.log(so3.relative(clean[:1], q))
+    return so3.between(clean[:1], q)
 
 
 def widest_channel(clean: Tensor) -> tuple[int, int]:

@@ -161,7 +161,7 @@ def karcher_mean(q: Tensor, iterations: int = 10) -> Tensor:
     """Mean over time ``(1, J, 4)``: the point to which all log maps add up to nothing."""
     mean = q[:1]
     for _ in range(iterations):
-        mean = so3.compose(mean, so3.exp(so3.log(so3.relative(mean, q)).mean(0, keepdim=True)))
+        mean = so3.turn(mean, so3.between(mean, q).mean(0, keepdim=True))
     return mean
 
 

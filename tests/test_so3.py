@@ -10,7 +10,7 @@ from motions import IDENTITY, angle_between, assert_same_rotation, numpy_of, ran
 from scipy.spatial.transform import Rotation
 from torch.autograd import gradcheck, gradgradcheck
 
-from torchquat import _planes, so3
+from torchquat import _series, so3
 
 AXES = [axis for axis in product((-1.0, 0.0, 1.0), repeat=3) if any(axis)]
 
@@ -210,10 +210,14 @@ def test_functions_with_a_removable_singularity_have_all_their_digits(grad):
     square = np.logspace(-12, np.log10(0.5), 400)
     root = np.sqrt(square)
     x = torch.from_numpy(square).requires_grad_(grad)
-    sinc, cosine = _planes._sinc_and_cosine(x)
+    sinc, cosine = _series.sinc_and_cosine(x)
+    squared_angle, factor = _series.squared_angle_and_factor(x)
+    expected_factor = 2 * np.arcsin(root) / (root * np.sqrt(1 - square))
     for actual, expected in (
-        (_planes._squared_arcsine(x), np.arcsin(root) ** 2),
-        (_planes._arctangent_over(x), np.arctan(root) / root),
+        (_series.squared_arcsine(x), np.arcsin(root) ** 2),
+        (_series.angle_over_half_sine(x), expected_factor),
+        (factor, expected_factor),
+        (squared_angle, 16 * np.arcsin(root) ** 2),
         (sinc, np.sin(root) / root),
         (cosine, np.cos(root)),
     ):

@@ -1,13 +1,13 @@
 """Work cut into blocks that fit a cache."""
 
-from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, cast
 
 import torch
 from torch import Tensor
 
 from torchquat import _planes
-from torchquat._eager import derivatives, visible
+from torchquat._eager import derivatives, recorded, visible
 from torchquat._planes import Quaternion
 
 __all__ = ["Window", "blocks", "in_windows"]
@@ -34,16 +34,28 @@ class Window(NamedTuple):
     frames: int
 
 
+Make = Callable[[Window], Quaternion]
+"""From the window around a block to the components of the block."""
+
+
 def in_windows(
-    make: Callable[[Window], Quaternion], padded: Tensor, trust: Tensor | None, reach: int
+    make: Make,
+    padded: Tensor,
+    trust: Tensor | None,
+    reach: int,
+    shared: Iterable[object] = (),
 ) -> Tensor:
     """Make a sequence block by block from a padded one.
+
+    Where there are several blocks, the backward pass makes each again: what is kept for it does not
+    grow with what a block computes.
 
     Args:
         make: From the window around a block to the components of the block.
         padded: Unit quaternions ``(..., T + 2 reach, J, 4)``.
         trust: Weights ``(..., T + 2 reach, J)``; ``None``: 1.
         reach: Frames on either side of a block that it reads.
+        shared: What else ``make`` reads; tensors among it get their gradients.
 
     Returns:
         Unit quaternions ``(..., T, J, 4)``.
@@ -51,44 +63,121 @@ def in_windows(
     batch, frames = padded.shape[:-3], padded.shape[-3] - 2 * reach
     padded = padded.reshape(batch.numel(), *padded.shape[-3:])
     trust = None if trust is None else trust.reshape(padded.shape[:-1])
-
-    def windowed(items: slice, start: int, frames: int) -> Quaternion:
-        span = slice(start, start + frames + 2 * reach)
-        q = _planes.split(padded[items, span])
-        return make(Window(q, None if trust is None else trust[items, span], items, start, frames))
-
-    result = _assemble(windowed, padded[:, :frames], reach)
+    tensors = [x for x in shared if isinstance(x, Tensor)]
+    known = [x for x in (padded, trust, *tensors) if x is not None]
+    count = sum(len(times) for _, times in blocks(padded[:, :frames], reach))
+    if count > 1 and recorded(*known):
+        result = cast(Tensor, _Recomputed.apply(make, reach, padded, trust, *tensors))
+    else:
+        result = _assemble(make, padded, trust, reach)
     return result.reshape(*batch, *result.shape[1:])
 
 
-def _assemble(make: Callable[[slice, int, int], Quaternion], like: Tensor, reach: int) -> Tensor:
-    """Make a tensor block by block.
-
-    Args:
-        make: From batch items, first frame and number of frames to the components of a block.
-        like: Tensor ``(N, T, J, 4)`` of the shape that is made.
-        reach: As in :func:`blocks`.
-
-    Returns:
-        Tensor ``(N, T, J, 4)``.
-    """
+def _assemble(make: Make, padded: Tensor, trust: Tensor | None, reach: int) -> Tensor:
+    """Make ``(N, T, J, 4)`` block by block."""
+    like = padded[:, : padded.shape[1] - 2 * reach]
     made: list[Tensor] = []
     result = None
     for items, times in blocks(like, reach):
         row: list[Tensor] = []
         for start, frames in times:
-            planes = make(items, start, frames)
+            planes = make(_window(padded, trust, reach, items, start, frames))
             if derivatives(*planes):
                 row.append(_planes.join(planes))
                 continue
             if result is None:
-                result = torch.empty_like(like)
+                result = like.new_empty(like.shape)
             for component, plane in enumerate(planes):  # with nothing between it and its place
                 result[items, start : start + frames, :, component] = plane
-        made += [torch.cat(row, 1)] if row else []
+        made += [_joined(row, 1)] if row else []
     if result is not None:
         return result
-    return torch.cat(made).contiguous() if made else like
+    return _joined(made, 0).contiguous() if made else like
+
+
+def _joined(parts: list[Tensor], dim: int) -> Tensor:
+    return parts[0] if len(parts) == 1 else torch.cat(parts, dim)
+
+
+def _window(
+    padded: Tensor, trust: Tensor | None, reach: int, items: slice, start: int, frames: int
+) -> Window:
+    span = slice(start, start + frames + 2 * reach)
+    q = _planes.split(padded[items, span])
+    return Window(q, None if trust is None else trust[items, span], items, start, frames)
+
+
+class _Recomputed(torch.autograd.Function):
+    """All blocks, made again one by one in the backward pass."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, make: Make, reach: int, padded: Tensor, trust: Tensor | None, *shared: Tensor
+    ) -> Tensor:
+        ctx.make, ctx.reach = make, reach
+        ctx.save_for_backward(padded, trust, *shared)
+        return _assemble(make, padded, trust, reach)
+
+    @staticmethod
+    def backward(ctx: Any, *grad_outputs: Tensor) -> tuple[Tensor | None, ...]:
+        (slope,) = grad_outputs
+        padded, trust, *shared = ctx.saved_tensors
+        if torch.is_grad_enabled():  # a derivative of this one will be asked for
+            result = _assemble(ctx.make, padded, trust, ctx.reach)
+            found = _gradients([result], [slope], [padded, trust, *shared], create_graph=True)
+            return None, None, *found
+        return None, None, *_block_gradients(ctx.make, ctx.reach, padded, trust, shared, slope)
+
+
+def _block_gradients(
+    make: Make,
+    reach: int,
+    padded: Tensor,
+    trust: Tensor | None,
+    shared: Sequence[Tensor],
+    slope: Tensor,
+) -> list[Tensor | None]:
+    """Gradients of the padded sequence, of its weights and of what all blocks share."""
+    totals = [torch.zeros_like(plane) for plane in _planes.split(padded.detach())]
+    trusted = None if trust is None else torch.zeros_like(trust)
+    common: list[Tensor | None] = [None for _ in shared]
+    for items, times in blocks(slope, reach):
+        for start, frames in times:
+            window = _window(padded.detach(), trust, reach, items, start, frames)
+            x, y, z, w = (c.detach().requires_grad_(padded.requires_grad) for c in window.q)
+            known = None
+            if trust is not None and window.trust is not None:
+                known = window.trust.detach().requires_grad_(trust.requires_grad)
+            with torch.enable_grad():
+                planes = make(window._replace(q=(x, y, z, w), trust=known))
+            slopes = _planes.split(slope[items, start : start + frames])
+            own = _gradients(planes, slopes, [x, y, z, w, known, *shared])
+            span = slice(start, start + frames + 2 * reach)
+            for total, part in zip([*totals, trusted], own, strict=False):
+                if total is not None and part is not None:
+                    total[items, span] += part
+            common = [
+                old if new is None else new if old is None else old + new
+                for old, new in zip(common, own[5:], strict=True)
+            ]
+    return [_planes.join(totals), trusted, *common]
+
+
+def _gradients(
+    outputs: Sequence[Tensor],
+    slopes: Sequence[Tensor],
+    inputs: Sequence[Tensor | None],
+    *,
+    create_graph: bool = False,
+) -> list[Tensor | None]:
+    """Gradient of every input that wants one and has one."""
+    ends = [(y, g) for y, g in zip(outputs, slopes, strict=True) if y.requires_grad]
+    wanted = [x for x in inputs if x is not None and x.requires_grad]
+    if not ends or not wanted:
+        return [None for _ in inputs]
+    ys, gs = zip(*ends, strict=True)
+    found = iter(torch.autograd.grad(ys, wanted, gs, create_graph=create_graph, allow_unused=True))
+    return [next(found) if x is not None and x.requires_grad else None for x in inputs]
 
 
 def blocks(q: Tensor, reach: int) -> Iterator[tuple[slice, list[tuple[int, int]]]]:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
-__all__ = ["derivatives", "highest", "lowest", "numbers", "visible"]
+__all__ = ["derivatives", "highest", "lowest", "numbers", "recorded", "visible"]
 
 _transforms_active = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
 
@@ -22,6 +22,15 @@ def derivatives(*inputs: Tensor) -> bool:
     if forward_ad._current_level >= 0:
         return True
     return torch.is_grad_enabled() and any(x.requires_grad for x in inputs)
+
+
+def recorded(*inputs: Tensor) -> bool:
+    """Whether operations are recorded one by one for a backward pass, and nothing else is done."""
+    if not torch.is_grad_enabled() or not any(x.requires_grad for x in inputs):
+        return False
+    return not (
+        torch.compiler.is_compiling() or _transforms_active() or forward_ad._current_level >= 0
+    )
 
 
 def lowest(x: Tensor) -> float:

@@ -77,7 +77,7 @@ def angular_velocity(q: Tensor, *, frame_rate: float = 1.0) -> Tensor:
     """
     check_layout(q)
     q = so3.normalize(q)
-    return so3.log(so3.relative(q[..., :-1, :, :], q[..., 1:, :, :])) * frame_rate
+    return so3.between(q[..., :-1, :, :], q[..., 1:, :, :]) * frame_rate
 
 
 def angular_acceleration(q: Tensor, *, frame_rate: float = 1.0) -> Tensor:

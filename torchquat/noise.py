@@ -44,7 +44,7 @@ def gaussian(
         (*q.shape[:-1], 3), generator=generator, dtype=work.dtype, device=work.device
     )
     turn = scale[..., None] * draw
-    return so3.compose(so3.normalize(work), so3.exp(turn)).to(q.dtype)
+    return so3.turn(so3.normalize(work), turn).to(q.dtype)
 
 
 def impulse(

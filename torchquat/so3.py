@@ -11,21 +11,25 @@ All functions broadcast over the leading axes and keep the dtype of their input.
 import torch
 from torch import Tensor
 
-from torchquat import _planes
-from torchquat._eager import highest, lowest
+from torchquat import _operations, _planes
+from torchquat._eager import derivatives, highest, lowest
 
 __all__ = [
     "align",
+    "between",
     "compose",
     "distance",
     "exp",
     "inverse",
     "log",
+    "midpoint",
     "normalize",
+    "normalized_if_ordinary",
     "relative",
     "rotate",
     "slerp",
     "squared_distance",
+    "turn",
     "usable",
 ]
 
@@ -56,30 +60,45 @@ def normalize(q: Tensor) -> Tensor:
     Returns:
         Unit quaternions ``(..., 4)``.
     """
-    square = squared_norm(q)
-    if ordinary(square):
-        return q * square.rsqrt()[..., None]
+    plain = normalized_if_ordinary(q)
+    if plain is not None:
+        return plain
     identity = q.new_tensor([0.0, 0.0, 0.0, 1.0])
     safe = torch.where(usable(q)[..., None], q, identity)
     # a constant factor: the result does not depend on it, so neither does the gradient
     scaled = safe / safe.detach().abs().amax(-1, keepdim=True)
-    careful = scaled * squared_norm(scaled).rsqrt()[..., None]
+    careful = scaled * _squared_norm(scaled).rsqrt()[..., None]
     # bit by bit what it would be if all rows were ordinary: one wrong frame must not reach others
     low, high = _ordinary_range(q.dtype)
+    square = _squared_norm(q)
     common = ((square > low) & (square < high)).detach()[..., None]
     plain = torch.where(common, q, identity)
-    return torch.where(common, plain * squared_norm(plain).rsqrt()[..., None], careful)
+    return torch.where(common, plain * _squared_norm(plain).rsqrt()[..., None], careful)
 
 
-def squared_norm(q: Tensor) -> Tensor:
+def normalized_if_ordinary(q: Tensor) -> Tensor | None:
+    """Unit quaternions, if all can be seen to be neither wrong nor near an overflow.
+
+    Args:
+        q: Quaternions ``(..., 4)`` of any norm.
+
+    Returns:
+        Unit quaternions ``(..., 4)``, their components one after the other in memory; or ``None``.
+    """
+    planes = _operations.split(q)
+    own = [plane.detach() for plane in planes]
+    square = _planes.dot(own, own)
+    low, high = _ordinary_range(q.dtype)
+    if not (lowest(square) > low and highest(square) < high):
+        return None
+    if derivatives(q):
+        return _planes.join(_operations.normalized(planes))
+    return _planes.join(own).mul_(square.rsqrt()[..., None])
+
+
+def _squared_norm(q: Tensor) -> Tensor:
     """Sum of the squared components of ``(..., 4)``, shape ``(...)``; may overflow."""
     return _planes.dot(q.unbind(-1), q.unbind(-1))
-
-
-def ordinary(square: Tensor) -> bool:
-    """Whether all of these squared norms can be seen to be neither wrong nor near an overflow."""
-    low, high = _ordinary_range(square.dtype)
-    return lowest(square) > low and highest(square) < high
 
 
 def _ordinary_range(dtype: torch.dtype) -> tuple[float, float]:
@@ -152,6 +171,48 @@ def relative(a: Tensor, b: Tensor) -> Tensor:
     return _planes.join(_planes.relative((ax, ay, az, aw), (bx, by, bz, bw)))
 
 
+def between(a: Tensor, b: Tensor) -> Tensor:
+    """Rotation vector from ``a`` to ``b`` in the body frame of ``a``: ``log(a^-1 b)``.
+
+    Args:
+        a: Unit quaternions ``(..., 4)``.
+        b: Unit quaternions ``(..., 4)``.
+
+    Returns:
+        Rotation vectors ``(..., 3)`` [rad], norm in [0, pi].
+    """
+    return _planes.join(_operations.between(_planes.split(a), _planes.split(align(b, a))))
+
+
+def turn(q: Tensor, v: Tensor) -> Tensor:
+    """Turn ``q`` by a rotation vector in its body frame: ``q exp(v)``.
+
+    Args:
+        q: Unit quaternions ``(..., 4)``.
+        v: Rotation vectors ``(..., 3)`` [rad]; any finite length.
+
+    Returns:
+        Unit quaternions ``(..., 4)``, each in the hemisphere of its ``q``.
+    """
+    x, y, z = v.unbind(-1)
+    return _planes.join(_operations.turned(_planes.split(q), (x, y, z)))
+
+
+def midpoint(a: Tensor, b: Tensor) -> Tensor:
+    """The middle of the short arc from ``a`` to ``b``.
+
+    Args:
+        a: Unit quaternions ``(..., 4)``.
+        b: Unit quaternions ``(..., 4)``.
+
+    Returns:
+        Unit quaternions ``(..., 4)``, in the hemisphere of ``a``.
+    """
+    sums = (x + y for x, y in zip(_planes.split(a), _planes.split(align(b, a)), strict=True))
+    x, y, z, w = sums
+    return _planes.join(_operations.normalized((x, y, z, w)))
+
+
 def slerp(a: Tensor, b: Tensor, t: float | Tensor) -> Tensor:
     """Turn from ``a`` towards ``b`` by the fraction ``t`` of the short arc.
 
@@ -161,9 +222,9 @@ def slerp(a: Tensor, b: Tensor, t: float | Tensor) -> Tensor:
         t: Fraction, broadcastable to ``(..., 1)``; outside [0, 1] it extrapolates.
 
     Returns:
-        Unit quaternions ``(..., 4)``, in the hemisphere of ``a`` for ``t`` in [0, 1].
+        Unit quaternions ``(..., 4)``, in the hemisphere of ``a``.
     """
-    return compose(a, exp(t * log(relative(a, b))))
+    return turn(a, t * between(a, b))
 
 
 def squared_distance(a: Tensor, b: Tensor) -> Tensor:
@@ -176,7 +237,7 @@ def squared_distance(a: Tensor, b: Tensor) -> Tensor:
     Returns:
         Squared angles ``(...)`` [rad^2], in [0, pi^2].
     """
-    return log(relative(a, b)).square().sum(-1)
+    return between(a, b).square().sum(-1)
 
 
 def distance(a: Tensor, b: Tensor) -> Tensor:
@@ -190,7 +251,7 @@ def distance(a: Tensor, b: Tensor) -> Tensor:
         Angles ``(...)`` [rad], in [0, pi].
     """
     # largest component divided out: the square of an angle below 1e-23 underflows in float32
-    v = log(relative(a, b))
+    v = between(a, b)
     largest = v.detach().abs().amax(-1, keepdim=True)
     scale = torch.where(largest > 0, largest, 1.0)
     square = (v / scale).square().sum(-1)

@@ -59,9 +59,9 @@ def prepare(
     check_signal(q, weight)
     work = q.float() if q.dtype.itemsize < 4 else q
     if weight is None:
-        square = so3.squared_norm(work)
-        if so3.ordinary(square):
-            return work * square.rsqrt()[..., None], None
+        unit = so3.normalized_if_ordinary(work)
+        if unit is not None:
+            return unit, None
     confidence = missing.confidence(work, weight)
     unit = so3.normalize(work)
     filled = missing.interpolate(unit, confidence > 0, causal=causal)
@@ -112,7 +112,11 @@ def pad(
         return identity.expand(*shape, 4), q.new_zeros(shape)
     wanted = torch.arange(-radius, frames + radius, device=q.device)
     index = _source(wanted, frames, boundary)
-    padded = q.index_select(-3, index)
+    # component by component, so that they still lie one after the other in memory
+    planes = q.movedim(-1, 0)
+    before, after = index[:radius], index[frames + radius :]
+    edges = (planes.index_select(-2, before), planes, planes.index_select(-2, after))
+    padded = torch.cat(edges, -2).movedim(0, -1)
     if boundary == "extrapolate":
         padded = _continue(q, padded, (wanted - index).to(q.dtype)[:, None, None])
     if confidence is not None:
@@ -140,8 +144,8 @@ def _continue(q: Tensor, padded: Tensor, overshoot: Tensor) -> Tensor:
     last = q.shape[-3] - 1
     first = q.index_select(-3, torch.arange(2, device=q.device).clamp(max=last))
     final = q.index_select(-3, torch.arange(last - 1, last + 1, device=q.device).clamp(min=0))
-    start, end = (so3.log(so3.relative(*pair.split(1, -3))) for pair in (first, final))
-    return so3.compose(padded, so3.exp(overshoot * torch.where(overshoot < 0, start, end)))
+    start, end = (so3.between(*pair.split(1, -3)) for pair in (first, final))
+    return so3.turn(padded, overshoot * torch.where(overshoot < 0, start, end))
 
 
 def first_frames(x: Tensor, frames: int, dim: int = -3) -> Tensor:

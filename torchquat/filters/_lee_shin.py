@@ -1,22 +1,24 @@
 """Lee and Shin's construction: a weighted mean of neighbours along the path of increments."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
 
 import torch
 from torch import Tensor
 
-from torchquat import _planes, timeline
+from torchquat import _operations, _planes, timeline
 from torchquat._blocks import Window, in_windows
-from torchquat._eager import derivatives, lowest
+from torchquat._eager import lowest
+from torchquat._operations import accumulated
 from torchquat._planes import Quaternion, Vector
 from torchquat.timeline import Boundary
 
-__all__ = ["Step", "Weigh", "add", "divided", "move", "tangent_mean"]
+__all__ = ["Step", "Weigh", "divided", "move", "tangent_mean"]
 
-Weigh = Callable[[int, Quaternion, Quaternion], tuple[float | Tensor, float | Tensor]]
-"""``weigh(lag, first, second)`` for all pairs of frames ``lag`` apart: the weight of the second
+Weigh = Callable[[int, Callable[[], Tensor]], tuple[float | Tensor, float | Tensor]]
+"""``weigh(lag, squared_angle)`` for all pairs of frames ``lag`` apart: the weight of the second
 seen from the first, and of the first seen from the second. Each is a number, one per joint ``(J,)``
-or one per pair ``(..., P, J)``."""
+or one per pair ``(..., P, J)``; ``squared_angle()`` gives those between both ``(..., P, J)``."""
 
 Step = Callable[[Quaternion, Tensor | None], Vector]
 """From a window's frames ``(..., T + 2 radius, J)``, components and weights (``None``: 1), to the
@@ -24,7 +26,13 @@ rotation vectors ``(..., T, J)`` [rad] by which the frames inside are moved."""
 
 
 def move(
-    q: Tensor, confidence: Tensor | None, step: Step, *, radius: int, boundary: Boundary
+    q: Tensor,
+    confidence: Tensor | None,
+    step: Step,
+    *,
+    radius: int,
+    boundary: Boundary,
+    shared: Iterable[object] = (),
 ) -> Tensor:
     """Turn every frame by what its window says, in blocks that fit a cache.
 
@@ -34,16 +42,17 @@ def move(
         step: See :data:`Step`.
         radius: Half-width of the window [frames].
         boundary: Rule at both ends.
+        shared: What else ``step`` reads; tensors among it get their gradients.
 
     Returns:
         Unit quaternions ``(..., T, J, 4)``, each in the hemisphere of its input.
     """
 
     def moved(window: Window) -> Quaternion:
-        turn = _planes.upper(_planes.exp(step(window.q, window.trust)))
-        return _planes.compose(_planes.cut(window.q, radius, window.frames), turn)
+        centre = _planes.cut(window.q, radius, window.frames)
+        return _operations.turned(centre, step(window.q, window.trust))
 
-    return in_windows(moved, *timeline.pad(q, confidence, radius, boundary), radius)
+    return in_windows(moved, *timeline.pad(q, confidence, radius, boundary), radius, shared)
 
 
 def tangent_mean(
@@ -77,42 +86,50 @@ def tangent_mean(
     """
     q = _planes.align_path(q)
     frames = q[0].shape[-2] - 2 * radius
-    increment = _planes.between(
+    increment = _operations.between(
         *(_planes.cut(q, start, frames + 2 * radius - 1) for start in (0, 1))
     )
     own = torch.ones_like(q[0]) if trust is None else trust
     total = centre * own.narrow(-2, radius, frames)
-    weighted = [torch.zeros_like(total) for _ in range(3)]
+    weighted = tuple(torch.zeros_like(total) for _ in range(3))
     travelled = increment  # c_{n + lag} - c_n for every pair of frames n, n + lag
     for lag in range(1, radius + 1):
         if lag > 1:
-            travelled = [_further(t, c, lag) for t, c in zip(travelled, increment, strict=True)]
+            travelled = _further(travelled, increment, lag)
         # frame i is the second of the pair that starts at i - lag, and the first of its own
-        pairs = frames + lag
-        first = radius - lag
-        ahead, behind = weigh(lag, _planes.cut(q, first, pairs), _planes.cut(q, radius, pairs))
-        m = _rows(behind, 0, frames)
-        m = m if trust is None else m * trust.narrow(-2, first, frames)
-        total = total + m
-        weighted = [
-            add(sum_, m, t.narrow(-2, first, frames), -1)
-            for sum_, t in zip(weighted, travelled, strict=True)
-        ]
-        if not causal:
-            m = _rows(ahead, lag, frames)
-            m = m if trust is None else m * trust.narrow(-2, radius + lag, frames)
+        first, pairs = radius - lag, frames + lag
+        ahead, behind = weigh(lag, partial(_apart, q, increment, lag, first, pairs))
+        sides = ((-1, behind, 0, first), (1, ahead, lag, radius))
+        for side, m, row, start in sides[:1] if causal else sides:
+            m = _rows(m, row, frames)
+            m = m if trust is None else m * trust.narrow(-2, radius + side * lag, frames)
             total = total + m
-            weighted = [
-                add(sum_, m, t.narrow(-2, radius, frames), 1)
-                for sum_, t in zip(weighted, travelled, strict=True)
-            ]
-    return divided(weighted, total), total
+            weighted = accumulated(weighted, m, _rows_of(travelled, start, frames), side)
+    x, y, z = divided(weighted, total)
+    return (x, y, z), total
 
 
-def _further(travelled: Tensor, increment: Tensor, lag: int) -> Tensor:
+def _apart(q: Quaternion, increment: Vector, lag: int, first: int, pairs: int) -> Tensor:
+    """Squared angles of pairs of frames ``lag`` apart."""
+    if lag == 1:  # known already
+        step = [component.narrow(-2, first, pairs) for component in increment]
+        return _planes.dot(step, step)
+    return _operations.squared_angle(
+        _planes.cut(q, first, pairs), _planes.cut(q, first + lag, pairs)
+    )
+
+
+def _further(travelled: Vector, increment: Vector, lag: int) -> Vector:
     """One frame further: ``c_{n + lag} - c_n`` from ``c_{n + lag - 1} - c_n``."""
-    pairs = travelled.shape[-2] - 1
-    return travelled.narrow(-2, 0, pairs) + increment.narrow(-2, lag - 1, pairs)
+    pairs = travelled[0].shape[-2] - 1
+    steps = _rows_of(increment, lag - 1, pairs)
+    x, y, z = (c + step for c, step in zip(_rows_of(travelled, 0, pairs), steps, strict=True))
+    return x, y, z
+
+
+def _rows_of(v: Vector, start: int, frames: int) -> Vector:
+    x, y, z = (component.narrow(-2, start, frames) for component in v)
+    return x, y, z
 
 
 def _rows(m: float | Tensor, start: int, frames: int) -> float | Tensor:
@@ -120,20 +137,11 @@ def _rows(m: float | Tensor, start: int, frames: int) -> float | Tensor:
     return m.narrow(-2, start, frames) if isinstance(m, Tensor) and m.dim() > 1 else m
 
 
-def add(total: Tensor, m: float | Tensor, x: Tensor, sign: int) -> Tensor:
-    """``total + sign m x``, in place where no derivative needs it."""
-    place = None if derivatives(total, x) or (isinstance(m, Tensor) and derivatives(m)) else total
-    if not isinstance(m, Tensor):
-        return torch.add(total, x, alpha=sign * m, out=place)
-    return torch.addcmul(total, m, x, value=sign, out=place)
-
-
-def divided(weighted: list[Tensor], total: Tensor) -> Vector:
+def divided(weighted: tuple[Tensor, ...], total: Tensor) -> tuple[Tensor, ...]:
     """The means, 0 where the window is empty."""
     if lowest(total) > 0:
         inverse = total.reciprocal()
     else:
         empty = total <= 0
         inverse = torch.where(empty, 0.0, torch.where(empty, 1.0, total).reciprocal())
-    x, y, z = (inverse * sum_ for sum_ in weighted)
-    return x, y, z
+    return tuple(inverse * sum_ for sum_ in weighted)

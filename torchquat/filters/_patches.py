@@ -7,8 +7,7 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor
 
-from torchquat import _planes, so3
-from torchquat._planes import Vector
+from torchquat import _operations, _planes, so3
 
 __all__ = ["Groups", "Neighbour", "Patches", "box_sum", "check_groups", "features", "members"]
 
@@ -23,14 +22,15 @@ class Neighbour(NamedTuple):
         distance: Of the patches [rad^2], ``(..., T, J)``, or one column for all joints.
         votes: Weight of the neighbour before the kernel ``(..., T, J)``, 0 where nothing can be
             compared; ``None``: 1.
-        difference: From the earlier of both to the later, ``(..., T, J)`` each.
-        side: 1 where the neighbour is the later one, -1 where it is the earlier.
+        factor: What turns the vector part of the quotient of both into the rotation vector between
+            them; ``None`` where logarithms are compared.
+        place: Components of the neighbour itself, ``(..., T, J)`` each.
     """
 
     distance: Tensor
     votes: Tensor | None
-    difference: Vector
-    side: int
+    factor: Tensor | None
+    place: tuple[Tensor, ...]
 
 
 @dataclass(frozen=True)
@@ -77,26 +77,30 @@ class Patches:
         for lag in range(1, self.search_radius + 1):
             start, pairs = self.search_radius - lag, frames + lag
             spanned = pairs + 2 * self.patch_radius
-            v = _difference(
-                *([x.narrow(-2, n, spanned) for x in window] for n in (start, start + lag))
-            )
+            near, far = ([x.narrow(-2, n, spanned) for x in window] for n in (start, start + lag))
+            square, factor = _compared(near, far)
             both = None if trust is None else _pairs(trust, start, lag, spanned)
-            distance, common = self._distance(v, both, pairs)
+            distance, common = self._distance(square, both, pairs)
             if learned is not None:
-                near, far = (learned.narrow(-2, n, pairs) for n in (start, start + lag))
-                distance = distance + (far - near).square().mean(-1, keepdim=True)
+                distance = distance + _unlike(learned, start, lag, pairs)
             for side in (-1,) if self.causal else (-1, 1):
-                place = 0 if side < 0 else lag
+                row = 0 if side < 0 else lag
                 votes = None
                 if trust is not None and common is not None:
                     votes = trust.narrow(-2, self.reach + side * lag, frames)
-                    votes = torch.where(common.narrow(-2, place, frames) > 0, votes, 0.0)
-                x, y, z = (c.narrow(-2, self.patch_radius + place, frames) for c in v)
-                yield Neighbour(distance.narrow(-2, place, frames), votes, (x, y, z), side)
+                    votes = torch.where(common.narrow(-2, row, frames) > 0, votes, 0.0)
+                own = self.patch_radius + row
+                yield Neighbour(
+                    distance.narrow(-2, row, frames),
+                    votes,
+                    None if factor is None else factor.narrow(-2, own, frames),
+                    tuple(x.narrow(-2, self.reach + side * lag, frames) for x in window),
+                )
 
-    def _distance(self, v: Vector, both: Tensor | None, pairs: int) -> tuple[Tensor, Tensor | None]:
+    def _distance(
+        self, square: Tensor, both: Tensor | None, pairs: int
+    ) -> tuple[Tensor, Tensor | None]:
         """Distances of pairs of patches and how much they have in common (``None``: all)."""
-        square = _planes.dot(v, v)
         if both is None:
             total = box_sum(self._grouped(square), self.width).narrow(-2, 0, pairs)
             return self._spread(total / (3.0 * self.width * self._sizes(total))), None
@@ -131,13 +135,19 @@ class Patches:
         return x[..., [group[joint] for joint in sorted(group)]]
 
 
-def _difference(first: Sequence[Tensor], second: Sequence[Tensor]) -> Vector:
-    """From one to the other [rad], of quaternions or of their logarithms."""
+def _compared(first: Sequence[Tensor], second: Sequence[Tensor]) -> tuple[Tensor, Tensor | None]:
+    """Squared differences [rad^2] of quaternions, with their factors, or of logarithms."""
     if len(first) == 3:
-        x, y, z = (b - a for a, b in zip(first, second, strict=True))
-        return x, y, z
+        difference = [b - a for a, b in zip(first, second, strict=True)]
+        return _planes.dot(difference, difference), None
     (ax, ay, az, aw), (bx, by, bz, bw) = first, second
-    return _planes.log(_planes.upper(_planes.relative((ax, ay, az, aw), (bx, by, bz, bw))))
+    return _operations.apart((ax, ay, az, aw), (bx, by, bz, bw))
+
+
+def _unlike(learned: Tensor, start: int, lag: int, pairs: int) -> Tensor:
+    """Mean squared differences of features ``(..., pairs, 1)``."""
+    near, far = (learned.narrow(-2, n, pairs) for n in (start, start + lag))
+    return (far - near).square().mean(-1, keepdim=True)
 
 
 def _pairs(trust: Tensor, start: int, lag: int, pairs: int) -> Tensor:
@@ -166,7 +176,7 @@ def features(
     present = torch.stack([trust.narrow(-2, p, count) for p in places], -2) > 0
     if patch.shape[-1] == 4:
         centre = padded.narrow(-3, radius, count)[..., None, :, :]
-        patch = so3.log(so3.relative(centre, patch))
+        patch = so3.between(centre, patch)
         # relative to a missing frame, nothing is known
         present = present & present[..., radius : radius + 1, :]
     found = embedding(torch.where(present[..., None], patch, 0.0))

@@ -31,7 +31,7 @@ class LinearPredict(nn.Module):
 
     def forward(self, even: Tensor) -> Tensor:
         """From even frames ``(..., N, J, 4)`` to the odd frames that follow them."""
-        return so3.slerp(even, _shifted(even, 1), 0.5)
+        return so3.midpoint(even, _shifted(even, 1))
 
 
 class SquadPredict(nn.Module):
@@ -46,8 +46,8 @@ class SquadPredict(nn.Module):
     def forward(self, even: Tensor) -> Tensor:
         """From even frames ``(..., N, J, 4)`` to the odd frames that follow them."""
         following, control, control_following = _control_points(even)
-        middle = so3.slerp(even, following, 0.5)
-        return so3.slerp(middle, so3.slerp(control, control_following, 0.5), 0.5)
+        middle = so3.midpoint(even, following)
+        return so3.midpoint(middle, so3.midpoint(control, control_following))
 
 
 class BezierPredict(nn.Module):
@@ -61,10 +61,10 @@ class BezierPredict(nn.Module):
     def forward(self, even: Tensor) -> Tensor:
         """From even frames ``(..., N, J, 4)`` to the odd frames that follow them."""
         following, control, control_following = _control_points(even)
-        first = so3.slerp(even, control, 0.5)
-        second = so3.slerp(control, control_following, 0.5)
-        third = so3.slerp(control_following, following, 0.5)
-        return so3.slerp(so3.slerp(first, second, 0.5), so3.slerp(second, third, 0.5), 0.5)
+        first = so3.midpoint(even, control)
+        second = so3.midpoint(control, control_following)
+        third = so3.midpoint(control_following, following)
+        return so3.midpoint(so3.midpoint(first, second), so3.midpoint(second, third))
 
 
 class HaarUpdate(nn.Module):
@@ -103,7 +103,7 @@ def _control_points(even: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     padded, _ = timeline.pad(even, None, 2, "extrapolate")
     frames = even.shape[-3]
     middle = padded.narrow(-3, 1, frames + 2)
-    ahead = so3.log(so3.relative(middle, padded.narrow(-3, 2, frames + 2)))
-    behind = so3.log(so3.relative(middle, padded.narrow(-3, 0, frames + 2)))
-    control = so3.compose(middle, so3.exp(-0.25 * (ahead + behind)))
+    ahead = so3.between(middle, padded.narrow(-3, 2, frames + 2))
+    behind = so3.between(middle, padded.narrow(-3, 0, frames + 2))
+    control = so3.turn(middle, -0.25 * (ahead + behind))
     return padded.narrow(-3, 3, frames), control[..., 1:-1, :, :], control[..., 2:, :, :]

@@ -85,7 +85,7 @@ def finest_noise(q: Tensor, present: Tensor) -> Tensor:
     """
     even, odd = q[..., ::2, :, :], q[..., 1::2, :, :]
     predicted = timeline.first_frames(LinearPredict()(even), odd.shape[-3])
-    length = norm(so3.log(so3.relative(predicted, odd)))
+    length = norm(so3.between(predicted, odd))
     valid, _ = detail_validity(present)
     return masked_median(length, valid[..., None]) / (_MEDIAN_NORM * _LINEAR_GAIN)
 

@@ -1,12 +1,12 @@
 """Courty's bilateral orientation filter."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal, get_args
 
 import torch
 from torch import Tensor, nn
 
-from torchquat import _planes, missing, so3, timeline
+from torchquat import missing, so3, timeline
 from torchquat._checks import check_choice, check_count, check_positive
 from torchquat._planes import Quaternion, Vector
 from torchquat.filters._bandwidth import (
@@ -87,8 +87,8 @@ def bilateral_filter(
         per_joint("sigma_g", sigma_g, prepared),
     )
 
-    def weigh_both(lag: int, first: Quaternion, second: Quaternion) -> tuple[Tensor, Tensor]:
-        m = weigh(lag, first, second, sigma_t, sigma_g)
+    def weigh_both(lag: int, squared_angle: Callable[[], Tensor]) -> tuple[Tensor, Tensor]:
+        m = weigh(lag, squared_angle(), sigma_t, sigma_g)
         return m, m  # the distance is symmetric
 
     def step(window: Quaternion, trust: Tensor | None) -> Vector:
@@ -99,7 +99,14 @@ def bilateral_filter(
         if iteration > 0 and confidence is not None:
             # paths across a gap must stay geodesic, as if it were not there
             unit = missing.interpolate(unit, confidence > 0, causal=causal)
-        unit = move(unit, confidence, step, radius=radius, boundary=boundary)
+        unit = move(
+            unit,
+            confidence,
+            step,
+            radius=radius,
+            boundary=boundary,
+            shared=(sigma_t, sigma_g),
+        )
     if iterations > 1:  # each of them kept the hemisphere of the one before
         unit = so3.align(unit, prepared)
     return unit.to(q.dtype)
@@ -174,25 +181,15 @@ class BilateralFilter(nn.Module):
         )
 
 
-def _gaussian(
-    lag: int,
-    first: Quaternion,
-    second: Quaternion,
-    sigma_t: float | Tensor,
-    sigma_g: float | Tensor,
-) -> Tensor:
-    """Weights of pairs ``lag`` frames apart."""
-    square = _planes.squared_angle(first, second)
+def _gaussian(lag: int, square: Tensor, sigma_t: float | Tensor, sigma_g: float | Tensor) -> Tensor:
+    """Weights of pairs ``lag`` frames and so many squared radians apart."""
     return torch.exp(square * (-0.5 / sigma_g**2) - 0.5 * (lag / sigma_t) ** 2)
 
 
 def _exponential(
-    lag: int,
-    first: Quaternion,
-    second: Quaternion,
-    sigma_t: float | Tensor,
-    sigma_g: float | Tensor,
+    lag: int, square: Tensor, sigma_t: float | Tensor, sigma_g: float | Tensor
 ) -> Tensor:
     """Weights as printed: unsquared, with the quaternion's own logarithm, half the angle."""
-    angle = _planes.angle(first, second)
+    apart = square > 0
+    angle = torch.where(apart, torch.where(apart, square, 1.0).sqrt(), 0.0)
     return torch.exp(angle * (-0.25 / sigma_g**2) - 0.5 * lag / sigma_t**2)

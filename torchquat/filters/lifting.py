@@ -83,14 +83,14 @@ class LiftingStep(nn.Module):
             ``(..., floor(T / 2), J, 3)`` [rad].
         """
         even, odd = q[..., ::2, :, :], q[..., 1::2, :, :]
-        detail = so3.log(so3.relative(self._predicted(even, odd.shape[-3]), odd))
-        return so3.compose(even, so3.exp(self._step(detail, even.shape[-3]))), detail
+        detail = so3.between(self._predicted(even, odd.shape[-3]), odd)
+        return so3.turn(even, self._step(detail, even.shape[-3])), detail
 
     def inverse(self, coarse: Tensor, detail: Tensor) -> Tensor:
         """Put together what :meth:`forward` split: unit quaternions ``(..., T, J, 4)``."""
         evens, odds = coarse.shape[-3], detail.shape[-3]
-        even = so3.compose(coarse, so3.exp(-self._step(detail, evens)))
-        odd = so3.compose(self._predicted(even, odds), so3.exp(detail))
+        even = so3.turn(coarse, -self._step(detail, evens))
+        odd = so3.turn(self._predicted(even, odds), detail)
         return timeline.interleave(even, odd)
 
     def _predicted(self, even: Tensor, odds: int) -> Tensor:

@@ -114,7 +114,8 @@ def gaussian_filter(
     def step(window: Quaternion, trust: Tensor | None) -> Vector:
         return _masked_mean(window, trust, mask, causal=causal)[0]
 
-    return move(unit, confidence, step, radius=radius, boundary=boundary).to(q.dtype)
+    result = move(unit, confidence, step, radius=radius, boundary=boundary, shared=(mask,))
+    return result.to(q.dtype)
 
 
 class LinearFilter(nn.Module):
@@ -219,7 +220,8 @@ def _convolve(
         )
         return x, y, z
 
-    return move(unit, confidence, step, radius=len(mask) // 2, boundary=boundary)
+    shared = (rising, falling)
+    return move(unit, confidence, step, radius=len(mask) // 2, boundary=boundary, shared=shared)
 
 
 def _masked_mean(
@@ -231,7 +233,7 @@ def _masked_mean(
     return tangent_mean(
         window,
         trust,
-        lambda lag, first, second: (rows[radius + lag], rows[radius - lag]),
+        lambda lag, squared_angle: (rows[radius + lag], rows[radius - lag]),
         centre=rows[radius],
         radius=radius,
         causal=causal,

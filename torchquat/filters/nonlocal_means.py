@@ -6,12 +6,13 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor, nn
 
-from torchquat import _planes, so3, timeline
+from torchquat import _operations, _planes, so3, timeline
 from torchquat._blocks import Window, in_windows
 from torchquat._checks import check_choice, check_count, check_positive
-from torchquat._planes import Quaternion, Vector
+from torchquat._operations import accumulated
+from torchquat._planes import Quaternion
 from torchquat.filters._bandwidth import Bandwidth, per_joint, register_bandwidth, shown
-from torchquat.filters._lee_shin import add, divided
+from torchquat.filters._lee_shin import divided
 from torchquat.filters._patches import (
     Groups,
     Neighbour,
@@ -115,14 +116,14 @@ def nonlocal_pose_means(
         else:
             around = _planes.log(_planes.upper(window.q))
         seen = patches.neighbours(around, window.trust, near)
-        turn = _attend(seen, centre[0], _middle(window, patches.reach), bandwidth)
+        own = tuple(x.narrow(-2, patches.reach, window.frames) for x in around)
+        mean, total = _attend(seen, own, _middle(window, patches.reach), bandwidth)
         if chart == "local":
-            return _planes.compose(centre, _planes.upper(_planes.exp(turn)))
-        own = _planes.log(_planes.upper(centre))
-        x, y, z = (a + b for a, b in zip(own, turn, strict=True))
+            return _operations.turned(centre, _planes.vector_part(own, mean))
+        x, y, z = (torch.where(total > 0, a, b) for a, b in zip(mean, own, strict=True))
         return _planes.exp((x, y, z))
 
-    result = in_windows(moved, padded, trust, patches.reach)
+    result = in_windows(moved, padded, trust, patches.reach, (bandwidth, learned))
     # in the local chart every frame has kept its hemisphere already
     return result.to(q.dtype) if chart == "local" else timeline.restore(result, unit, q)
 
@@ -134,34 +135,37 @@ def _middle(window: Window, reach: int) -> Tensor | None:
 
 def _attend(
     neighbours: Iterable[Neighbour],
-    like: Tensor,
+    own: tuple[Tensor, ...],
     confidence: Tensor | None,
     sigma: float | Tensor,
-) -> Vector:
-    """Weighted mean of the differences to all neighbours, ``(..., T, J)`` each [rad].
+) -> tuple[tuple[Tensor, ...], Tensor]:
+    """Weighted mean of the components of a frame and all its neighbours, ``(..., T, J)`` each.
 
-    Weights are taken relative to the largest, which is the centre's: where even that one
-    underflows, the mean is still right.
+    Together with the sum of the weights: where that is 0, so is the mean.
+
+    Each neighbour counts times its factor, so that the vector part of the quotient by the frame
+    itself is the mean of the rotation vectors to all neighbours. Weights are taken relative to the
+    largest, which is the centre's: where even that one underflows, the mean is still right.
     """
-    lowest = torch.finfo(like.dtype).min
+    lowest = torch.finfo(own[0].dtype).min
     seen = [
         (_where(each.votes, each.distance * (-0.5 / sigma**2), lowest), each) for each in neighbours
     ]
-    best = like.new_full((), lowest)
+    best = own[0].new_full((), lowest)
     for exponent, _ in seen:
         best = torch.maximum(best, exponent)
 
     top = best.detach()  # a common factor: the mean does not depend on it
     total = torch.exp(best - top)
     total = total if confidence is None else total * confidence
-    weighted = [torch.zeros_like(like) for _ in range(3)]
-    for exponent, (_, votes, difference, side) in seen:
+    weighted = tuple((total * component).expand_as(component) for component in own)
+    for exponent, (_, votes, factor, place) in seen:
         m = torch.exp(_where(votes, exponent - top, 0.0))
         m = m if votes is None else votes * m
         total = total + m
-        m = m.expand_as(like).contiguous()
-        weighted = [add(w, m, d, side) for w, d in zip(weighted, difference, strict=True)]
-    return divided(weighted, total)
+        pull = m.expand_as(place[0]).contiguous() if factor is None else m * factor
+        weighted = accumulated(weighted, pull, place)
+    return divided(weighted, total), total
 
 
 def _where(votes: Tensor | None, x: Tensor, other: float) -> Tensor:

@@ -86,8 +86,8 @@ class LiftingDenoiser(nn.Module):
             step = torch.zeros_like(first[..., :3])
             for shift in range(1, self.cycle_spins):
                 other = self._spin(unit, confidence, sigma, shift)
-                step = step + so3.log(so3.relative(first, other)) / self.cycle_spins
-            mean = so3.compose(first, so3.exp(step))
+                step = step + so3.between(first, other) / self.cycle_spins
+            mean = so3.turn(first, step)
         # a joint that is missing throughout stays as it is
         known = present.sum(-2)[..., None, :, None] > 0
         return timeline.restore(torch.where(known, mean, unit), unit, q)
