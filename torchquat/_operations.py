@@ -35,6 +35,7 @@ __all__ = [
     "split",
     "squared_angle",
     "turned",
+    "turned_both_ways",
 ]
 
 Planes = tuple[Tensor, ...]
@@ -60,6 +61,13 @@ def turned(q: Quaternion, v: Vector) -> Quaternion:
     """``q exp(v)``, turned by a rotation vector [rad]; it stays in the hemisphere of ``q``."""
     x, y, z, w = run(_turned, _turned_back, *torch.broadcast_tensors(*q, *v))
     return x, y, z, w
+
+
+def turned_both_ways(q: Quaternion, v: Vector) -> tuple[Quaternion, Quaternion]:
+    """``q exp(v)`` and ``q exp(-v)``, both in the hemisphere of ``q``."""
+    planes = run(_both_ways, _both_ways_back, *torch.broadcast_tensors(*q, *v))
+    (x, y, z, w), (a, b, c, d) = planes[:4], planes[4:]
+    return (x, y, z, w), (a, b, c, d)
 
 
 def squared_angle(a: Quaternion, b: Quaternion) -> Tensor:
@@ -176,7 +184,7 @@ def _turned_back(planes: Planes, slope: Planes) -> Planes:
     sinc, cosine = sinc_and_cosine(square)
     bent = (cosine - sinc).div_(square).mul_(0.125)
     if not lowest(cosine) >= 0:  # the other sign was taken
-        sign = torch.where(cosine < 0, -1.0, 1.0).to(cosine.dtype)
+        sign = _planes.sign_of(cosine)
         sinc, cosine, bent = sign * sinc, sign * cosine, sign * bent
     half = 0.5 * sinc
     x, y, z = (half * component for component in v)
@@ -185,6 +193,23 @@ def _turned_back(planes: Planes, slope: Planes) -> Planes:
     along = bent.mul_(_planes.dot((tx, ty, tz), v)).addcmul_(half, tw, value=-0.5)
     turn = (torch.addcmul(half * t, along, c) for t, c in zip((tx, ty, tz), v, strict=True))
     return *back, *turn
+
+
+def _both_ways(*planes: Tensor) -> Planes:
+    q, v = planes[:4], planes[4:]
+    x, y, z, w = _planes.upper(_planes.exp((v[0], v[1], v[2])))
+    turn = _by_vector(q, [x, y, z])
+    along = [w * c for c in q]
+    ahead = (a + t for a, t in zip(along, turn, strict=True))
+    return *ahead, *(a - t for a, t in zip(along, turn, strict=True))
+
+
+def _both_ways_back(planes: Planes, slope: Planes) -> Planes:
+    q, v = planes[:4], planes[4:]
+    *ahead_q, x, y, z = _turned_back(planes, slope[:4])
+    *back_q, a, b, c = _turned_back((*q, *(-c for c in v)), slope[4:])
+    both = (g + h for g, h in zip(ahead_q, back_q, strict=True))
+    return *both, x - a, y - b, z - c
 
 
 def _squared_angle(*planes: Tensor) -> Planes:
@@ -225,7 +250,7 @@ def _nearest(planes: Planes) -> tuple[Tensor | None, Planes, Tensor]:
     square = _planes.dot(difference, difference)
     if highest(square) <= 2.0:
         return None, difference, square
-    sign = torch.where(square.detach() > 2.0, -1.0, 1.0).to(square.dtype)
+    sign = _planes.sign_of(2.0 - square)
     difference = _subtracted(tuple(sign * plane for plane in b), a)
     return sign, difference, _planes.dot(difference, difference)
 

@@ -24,6 +24,7 @@ __all__ = [
     "join",
     "log",
     "relative",
+    "sign_of",
     "signed",
     "split",
     "upper",
@@ -117,9 +118,14 @@ def upper(q: Quaternion) -> Quaternion:
     """Choose the signs so that ``w >= 0``."""
     if lowest(q[3]) >= 0:
         return q
-    sign = torch.where(q[3] < 0, -1.0, 1.0).to(q[3].dtype)
+    sign = sign_of(q[3])
     x, y, z, w = (sign * plane for plane in q)
     return x, y, z, w
+
+
+def sign_of(x: Tensor) -> Tensor:
+    """-1 where ``x`` is negative, else 1; it has no gradient."""
+    return 1.0 - 2.0 * (x.detach() < 0).to(x.dtype)
 
 
 def align_path(q: Quaternion) -> Quaternion:
@@ -128,7 +134,7 @@ def align_path(q: Quaternion) -> Quaternion:
     step = dot(cut(q, 0, frames), cut(q, 1, frames)).detach()
     if lowest(step) >= 0:
         return q
-    sign = torch.where(step < 0, -1.0, 1.0).to(step.dtype).cumprod(-2)
+    sign = sign_of(step).cumprod(-2)
     sign = torch.cat([torch.ones_like(q[0].narrow(-2, 0, 1)), sign], -2)
     x, y, z, w = (sign * plane for plane in q)
     return x, y, z, w

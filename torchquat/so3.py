@@ -30,6 +30,7 @@ __all__ = [
     "slerp",
     "squared_distance",
     "turn",
+    "turn_both_ways",
     "usable",
 ]
 
@@ -198,6 +199,13 @@ def turn(q: Tensor, v: Tensor) -> Tensor:
     return _planes.join(_operations.turned(_planes.split(q), (x, y, z)))
 
 
+def turn_both_ways(q: Tensor, v: Tensor) -> tuple[Tensor, Tensor]:
+    """:func:`turn` by a rotation vector and by its opposite: ``q exp(v)``, ``q exp(-v)``."""
+    x, y, z = v.unbind(-1)
+    ahead, back = _operations.turned_both_ways(_planes.split(q), (x, y, z))
+    return _planes.join(ahead), _planes.join(back)
+
+
 def midpoint(a: Tensor, b: Tensor) -> Tensor:
     """The middle of the short arc from ``a`` to ``b``.
 
@@ -237,7 +245,7 @@ def squared_distance(a: Tensor, b: Tensor) -> Tensor:
     Returns:
         Squared angles ``(...)`` [rad^2], in [0, pi^2].
     """
-    return between(a, b).square().sum(-1)
+    return _operations.squared_angle(_planes.split(a), _planes.split(b))
 
 
 def distance(a: Tensor, b: Tensor) -> Tensor:
@@ -272,7 +280,7 @@ def align(q: Tensor, reference: Tensor) -> Tensor:
     cosine = _planes.dot(q.detach().unbind(-1), reference.detach().unbind(-1))
     if lowest(cosine) >= 0:
         return q
-    return torch.where(cosine[..., None] < 0, -q, q)
+    return _planes.sign_of(cosine)[..., None] * q
 
 
 def rotate(q: Tensor, point: Tensor) -> Tensor:

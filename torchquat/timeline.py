@@ -5,13 +5,14 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-from torchquat import _planes, missing, so3
+from torchquat import missing, so3
 from torchquat._checks import check_choice, check_signal
 
 __all__ = [
     "BOUNDARIES",
     "Boundary",
     "first_frames",
+    "halves",
     "interleave",
     "pad",
     "past_boundary",
@@ -155,6 +156,15 @@ def first_frames(x: Tensor, frames: int, dim: int = -3) -> Tensor:
     return x.index_select(dim, torch.arange(frames, device=x.device))
 
 
+def halves(q: Tensor) -> tuple[Tensor, Tensor]:
+    """Even and odd frames ``(..., ceil(T / 2), J, 4)`` and ``(..., floor(T / 2), J, 4)``."""
+    if torch.compiler.is_compiling():
+        return q[..., ::2, :, :], q[..., 1::2, :, :]
+    planes = q.movedim(-1, 0)
+    even, odd = (planes[..., start::2, :].contiguous().movedim(0, -1) for start in (0, 1))
+    return even, odd
+
+
 def interleave(even: Tensor, odd: Tensor) -> Tensor:
     """Frames of both in turn, ``(..., N, J, 4)`` and as many or one fewer, even ones first."""
     evens, odds = even.shape[-3], odd.shape[-3]
@@ -163,8 +173,8 @@ def interleave(even: Tensor, odd: Tensor) -> Tensor:
         place = frame // 2 + evens * (frame % 2)
         return torch.cat([even, odd], -3).index_select(-3, place)
     # component by component, so that they still lie one after the other in memory
-    planes = [
-        torch.cat([torch.stack([e[..., :odds, :], o], -2).flatten(-3, -2), e[..., odds:, :]], -2)
-        for e, o in zip(even.unbind(-1), odd.unbind(-1), strict=True)
-    ]
-    return _planes.join(planes)
+    e, o = even.movedim(-1, 0), odd.movedim(-1, 0)
+    planes = torch.stack([e.narrow(-2, 0, odds), o], -2).flatten(-3, -2)
+    if evens > odds:
+        planes = torch.cat([planes, e.narrow(-2, odds, evens - odds)], -2)
+    return planes.movedim(0, -1)

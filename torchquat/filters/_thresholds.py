@@ -7,11 +7,13 @@ does not depend on the coordinate frame; every level and joint is judged by itse
 import math
 from typing import Literal, get_args
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from torchquat import so3, timeline
-from torchquat._eager import visible
+from torchquat._eager import derivatives, visible
+from torchquat._series import invisible
 from torchquat.filters.lifting import LinearPredict
 
 __all__ = [
@@ -39,9 +41,7 @@ _LINEAR_GAIN = math.sqrt(1.5)  # noise of a frame minus the mean of two others
 
 def norm(v: Tensor) -> Tensor:
     """Length of vectors ``(..., 3)``, shape ``(..., 1)``; its gradient is 0 where they vanish."""
-    square = v.square().sum(-1, keepdim=True)
-    apart = square > 0
-    return torch.where(apart, torch.where(apart, square, 1.0).sqrt(), 0.0)
+    return _root(v.square().sum(-1, keepdim=True))
 
 
 def shrink(detail: Tensor, threshold: Tensor, shrinkage: Shrinkage) -> Tensor:
@@ -60,17 +60,23 @@ def shrink(detail: Tensor, threshold: Tensor, shrinkage: Shrinkage) -> Tensor:
     Returns:
         Rotation vectors ``(..., N, J, 3)`` [rad].
     """
+    if shrinkage != "hard" and not derivatives(detail, threshold):
+        inverse = (detail.square().sum(-1, keepdim=True) + invisible(detail)).rsqrt_()
+        return _kept(inverse.mul_(threshold), shrinkage) * detail
     length = norm(detail)
-    share = threshold / torch.where(length > 0, length, 1.0)
-    if shrinkage == "hard":
-        factor = (length > threshold).to(detail.dtype)
-    else:
-        factor = (1.0 - (share if shrinkage == "soft" else share.square())).clamp(min=0.0)
     at_zero = (threshold <= 0).to(detail.dtype)
-    return torch.where(length > 0, factor, at_zero) * detail
+    share = threshold / torch.where(length > 0, length, 1.0)
+    return torch.where(length > 0, _kept(share, shrinkage), at_zero) * detail
 
 
-def finest_noise(q: Tensor, present: Tensor) -> Tensor:
+def _kept(share: Tensor, shrinkage: Shrinkage) -> Tensor:
+    """What is left of a detail for this ratio of the threshold to its length."""
+    if shrinkage == "hard":
+        return (share < 1.0).to(share.dtype)
+    return (1.0 - (share if shrinkage == "soft" else share.square())).clamp(min=0.0)
+
+
+def finest_noise(q: Tensor, present: Tensor | None = None) -> Tensor:
     """Standard deviation of the noise of single frames, per axis and joint.
 
     From the median norm of the finest details of the linear scheme. Those of other schemes would
@@ -78,33 +84,36 @@ def finest_noise(q: Tensor, present: Tensor) -> Tensor:
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``.
-        present: Booleans ``(..., T, J)``; details next to a missing frame do not count.
+        present: Booleans ``(..., T, J)``; details next to a missing frame do not count. ``None``:
+            all are present.
 
     Returns:
         Standard deviations ``(..., 1, J, 1)`` [rad]; 0 where there is nothing to judge by.
     """
-    even, odd = q[..., ::2, :, :], q[..., 1::2, :, :]
+    even, odd = timeline.halves(q)
     predicted = timeline.first_frames(LinearPredict()(even), odd.shape[-3])
-    length = norm(so3.between(predicted, odd))
+    square = so3.squared_distance(predicted, odd)[..., None]
     valid, _ = detail_validity(present)
-    return masked_median(length, valid[..., None]) / (_MEDIAN_NORM * _LINEAR_GAIN)
+    return masked_median(square, valid, root=True) / (_MEDIAN_NORM * _LINEAR_GAIN)
 
 
-def detail_validity(present: Tensor) -> tuple[Tensor, Tensor]:
+def detail_validity(present: Tensor | None) -> tuple[Tensor | None, Tensor | None]:
     """Which details of one level come from present frames, and which coarse frames do.
 
     Args:
-        present: Booleans ``(..., T, J)``.
+        present: Booleans ``(..., T, J)``; ``None``: all are present, and so are the results.
 
     Returns:
         Booleans ``(..., floor(T / 2), J)`` and ``(..., ceil(T / 2), J)``.
     """
+    if present is None:
+        return None, None
     even, odd = present[..., ::2, :], present[..., 1::2, :]
     following = torch.cat([even[..., 1:, :], even[..., -1:, :]], -2)
     return odd & timeline.first_frames(even & following, odd.shape[-2], -2), even
 
 
-def threshold(rule: Rule, length: Tensor, valid: Tensor, sigma: Tensor) -> Tensor:
+def threshold(rule: Rule, detail: Tensor, valid: Tensor | None, sigma: Tensor) -> Tensor:
     """Threshold of one level for every joint.
 
     Args:
@@ -113,17 +122,19 @@ def threshold(rule: Rule, length: Tensor, valid: Tensor, sigma: Tensor) -> Tenso
             (Stein 1981; Donoho and Johnstone 1995, here for vectors); ``"bayes"``: the noise's
             variance over the signal's standard deviation (Chang, Yu and Vetterli 2000, times the
             root of three for the norm of three axes).
-        length: Norms of the details ``(..., N, J, 1)`` [rad].
-        valid: Which of them count, booleans of the same shape.
+        detail: Rotation vectors ``(..., N, J, 3)`` [rad].
+        valid: Which of them count, booleans ``(..., N, J)``; ``None``: all.
         sigma: Standard deviation of the noise per axis, ``(..., 1, J, 1)`` [rad].
 
     Returns:
         Thresholds ``(..., 1, J, 1)`` [rad].
     """
-    count = valid.sum(-3, keepdim=True).to(length.dtype)
+    counted = detail.new_ones(detail.shape[:-1]) if valid is None else valid.to(detail.dtype)
+    count = counted[..., None].sum(-3, keepdim=True)
     universal = sigma * _universal_factor(count)
     if rule == "universal":
         return universal
+    length, valid = norm(detail), counted[..., None] > 0
     if rule == "sure":
         return torch.minimum(_least_risk(length, valid, sigma), universal)
     assert rule == "bayes"
@@ -172,16 +183,45 @@ def _sorted(length: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
     return length.gather(-3, order) * counts, counts
 
 
-def masked_median(x: Tensor, valid: Tensor) -> Tensor:
-    """Median over time of what is valid, ``(..., N, J, 1)`` to ``(..., 1, J, 1)``; 0 of nothing."""
+def masked_median(x: Tensor, valid: Tensor | None = None, *, root: bool = False) -> Tensor:
+    """Median over time of what is valid, 0 of nothing.
+
+    Args:
+        x: Values ``(..., N, J, 1)`` >= 0.
+        valid: Booleans ``(..., N, J)``; ``None``: all.
+        root: Of the square roots of the values.
+
+    Returns:
+        Medians ``(..., 1, J, 1)``.
+    """
     frames = x.shape[-3]
-    if frames > 0 and visible(valid) and bool(valid.all()):  # without sorting all of it
-        ranks = ((frames + 1) // 2, frames // 2 + 1)
-        low, high = (x.kthvalue(rank, dim=-3, keepdim=True).values for rank in ranks)
-        return 0.5 * (low + high)
-    ordered, counts = _sorted(x, valid)
-    ordered = torch.cat([ordered, torch.zeros_like(ordered.sum(-3, keepdim=True))], -3)
-    count = counts.sum(-3, keepdim=True).long()
-    low, high = (count - 1).clamp(min=0) // 2, count // 2
-    middle = 0.5 * (ordered.gather(-3, low) + ordered.gather(-3, high))
-    return torch.where(count > 0, middle, 0.0)
+    whole = valid is None or (visible(valid) and bool(valid.all()))
+    if frames > 0 and whole and visible(x):  # without sorting all of it
+        low, high = _ranked(x, ((frames - 1) // 2, frames // 2))
+        count = torch.full_like(low, frames)
+    else:
+        known = torch.ones_like(x, dtype=torch.bool) if valid is None else valid[..., None]
+        ordered, counts = _sorted(x, known)
+        ordered = torch.cat([ordered, torch.zeros_like(ordered.sum(-3, keepdim=True))], -3)
+        count = counts.sum(-3, keepdim=True).long()
+        places = (count - 1).clamp(min=0) // 2, count // 2
+        low, high = (ordered.gather(-3, place) for place in places)
+    if root:
+        low, high = _root(low), _root(high)
+    return torch.where(count > 0, 0.5 * (low + high), 0.0)
+
+
+def _ranked(x: Tensor, ranks: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """Values ``(..., 1, J, 1)`` of two ranks along time, by NumPy: several times faster."""
+    parted = np.partition(x.detach().movedim(-3, -1).contiguous().numpy(), ranks, axis=-1)
+    low, high = (torch.from_numpy(parted[..., rank].copy()).unsqueeze(-3) for rank in ranks)
+    if derivatives(x):
+        low, high = (
+            x.gather(-3, (x == value).int().argmax(-3, keepdim=True)) for value in (low, high)
+        )
+    return low, high
+
+
+def _root(x: Tensor) -> Tensor:
+    """Square root; its gradient is 0 at 0."""
+    return torch.where(x > 0, torch.where(x > 0, x, 1.0).sqrt(), 0.0)

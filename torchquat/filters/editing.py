@@ -79,7 +79,7 @@ def salience(pyramid: Pyramid) -> Tensor:
     total = pyramid.approx.new_zeros(*pyramid.approx.shape[:-3], frames, pyramid.approx.shape[-2])
     for level, detail in enumerate(pyramid.details):
         length = norm(detail)
-        usual = masked_median(length, torch.ones_like(length, dtype=torch.bool))
+        usual = masked_median(length)
         ratio = torch.where(usual > 0, length / torch.where(usual > 0, usual, 1.0), 0.0)[..., 0]
         spread = ratio.repeat_interleave(2 ** (levels - level), -2)[..., :frames, :]
         missing = frames - spread.shape[-2]

@@ -82,18 +82,32 @@ class LiftingStep(nn.Module):
             Coarse unit quaternions ``(..., ceil(T / 2), J, 4)`` and details
             ``(..., floor(T / 2), J, 3)`` [rad].
         """
-        even, odd = q[..., ::2, :, :], q[..., 1::2, :, :]
+        even, odd = timeline.halves(q)
         detail = so3.between(self._predicted(even, odd.shape[-3]), odd)
+        if self._is_haar and not torch.compiler.is_compiling():  # the middle, in fewer steps
+            pairs = odd.shape[-3]
+            middle = so3.midpoint(even[..., :pairs, :, :], odd)
+            return _followed(middle, even[..., pairs:, :, :]), detail
         return so3.turn(even, self._step(detail, even.shape[-3])), detail
 
     def inverse(self, coarse: Tensor, detail: Tensor) -> Tensor:
         """Put together what :meth:`forward` split: unit quaternions ``(..., T, J, 4)``."""
         evens, odds = coarse.shape[-3], detail.shape[-3]
+        if self._is_haar and not torch.compiler.is_compiling():  # one turn, both ways
+            middle, last = coarse[..., :odds, :, :], coarse[..., odds:, :, :]
+            odd, even = so3.turn_both_ways(middle, self.update(detail))
+            return timeline.interleave(_followed(even, last), odd)
         even = so3.turn(coarse, -self._step(detail, evens))
         odd = so3.turn(self._predicted(even, odds), detail)
         return timeline.interleave(even, odd)
 
+    @property
+    def _is_haar(self) -> bool:
+        return type(self.predict) is HaarPredict and type(self.update) is HaarUpdate
+
     def _predicted(self, even: Tensor, odds: int) -> Tensor:
+        if type(self.predict) in _UNIT:
+            return timeline.first_frames(self.predict(even), odds)
         # one sign for both ways: a frame may come back as -q, and a module may care
         if not lowest(even[..., 3]) >= 0:  # also where it cannot be seen
             even = torch.where(even[..., 3:] < 0, -even, even)
@@ -202,6 +216,17 @@ def _steps(wavelet: Wavelet | LiftingStep | Sequence[LiftingStep]) -> list[Lifti
         if not isinstance(step, LiftingStep):
             raise TypeError(f"wavelet must be a name or a LiftingStep, got {type(step).__name__}.")
     return steps
+
+
+_UNIT = (HaarPredict, LinearPredict, SquadPredict, BezierPredict)
+"""Predictions that are of unit length, and the same rotations whatever the signs of the frames."""
+
+
+def _followed(q: Tensor, last: Tensor) -> Tensor:
+    """``q`` and the frame, if there is one, that has no partner."""
+    if last.shape[-3] == 0:
+        return q
+    return torch.cat([q.movedim(-1, 0), last.movedim(-1, 0)], -2).movedim(0, -1)
 
 
 def _lengthened(x: Tensor, frames: int) -> Tensor:

@@ -14,7 +14,6 @@ from torchquat.filters._thresholds import (
     Shrinkage,
     detail_validity,
     finest_noise,
-    norm,
     shrink,
     threshold,
 )
@@ -76,35 +75,32 @@ class LiftingDenoiser(nn.Module):
     def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
         """Filter unit quaternions ``(..., T, J, 4)``."""
         unit, confidence = timeline.prepare(q, weight)
-        if confidence is None:
-            confidence = unit.new_ones(unit.shape[:-1])
-        present = confidence > 0
+        present = None if confidence is None else confidence > 0
         estimated = isinstance(self.rule, str) and self.rule != "finest"
         sigma = finest_noise(unit, present) if estimated else None
-        first = mean = self._spin(unit, confidence, sigma, 0)
+        first = mean = self._spin(unit, present, sigma, 0)
         if self.cycle_spins > 1:
             step = torch.zeros_like(first[..., :3])
             for shift in range(1, self.cycle_spins):
-                other = self._spin(unit, confidence, sigma, shift)
+                other = self._spin(unit, present, sigma, shift)
                 step = step + so3.between(first, other) / self.cycle_spins
             mean = so3.turn(first, step)
-        # a joint that is missing throughout stays as it is
-        known = present.sum(-2)[..., None, :, None] > 0
-        return timeline.restore(torch.where(known, mean, unit), unit, q)
+        if present is not None:  # a joint that is missing throughout stays as it is
+            mean = torch.where(present.any(-2)[..., None, :, None], mean, unit)
+        return timeline.restore(mean, unit, q)
 
-    def _spin(self, unit: Tensor, confidence: Tensor, sigma: Tensor | None, shift: int) -> Tensor:
+    def _spin(
+        self, unit: Tensor, present: Tensor | None, sigma: Tensor | None, shift: int
+    ) -> Tensor:
         """Denoise with ``shift`` frames put before the first: other frames become even."""
         frames = unit.shape[-3]
-        padded, trust = unit, confidence
+        padded, seen = unit, present
         if shift > 0:
-            around, seen = timeline.pad(unit, confidence, shift, "reflect")
-            assert seen is not None  # for the type checker: a confidence was given
-            padded, trust = (
-                timeline.first_frames(around, frames + shift),
-                timeline.first_frames(seen, frames + shift, -2),
-            )
+            padded, seen = timeline.pad(unit, present, shift, "reflect")
+            padded = timeline.first_frames(padded, frames + shift)
+            seen = None if seen is None else timeline.first_frames(seen, frames + shift, -2)
         pyramid = self.transform(padded)
-        shrunk = self._shrink(pyramid.details, trust > 0, sigma)
+        shrunk = self._shrink(pyramid.details, seen, sigma)
         whole = self.transform.inverse(Pyramid(pyramid.approx, shrunk))
         # a compiler cannot tell that the lengths are alike
         if shift == 0 and not torch.compiler.is_compiling():
@@ -112,7 +108,7 @@ class LiftingDenoiser(nn.Module):
         return whole.index_select(-3, torch.arange(shift, shift + frames, device=whole.device))
 
     def _shrink(
-        self, details: tuple[Tensor, ...], present: Tensor, sigma: Tensor | None
+        self, details: tuple[Tensor, ...], present: Tensor | None, sigma: Tensor | None
     ) -> tuple[Tensor, ...]:
         if self.rule == "finest":
             return tuple(torch.zeros_like(detail) for detail in details)
@@ -122,7 +118,7 @@ class LiftingDenoiser(nn.Module):
             valid, present = detail_validity(present)
             if isinstance(self.rule, str) and sigma is not None:
                 own = sigma * self.noise_gain[level]
-                t = threshold(self.rule, norm(detail), valid[..., None], own)
+                t = threshold(self.rule, detail, valid, own)
             else:
                 t = detail.new_full((), self.thresholds[level] if self.thresholds else 0.0)
             if self.log_scale is not None:
