@@ -1,6 +1,7 @@
 """The shape of the code: imports run downward, nothing else is needed, files stay small."""
 
 import ast
+import subprocess
 import sys
 from pathlib import Path
 
@@ -15,6 +16,7 @@ EVERYTHING = [*SOURCES, *sorted((ROOT / "examples").glob("*.py"))]
 RANKS = {
     "torchquat._checks": 0,
     "torchquat._eager": 0,
+    "torchquat._pull_back": 1,
     "torchquat._series": 1,
     "torchquat._planes": 2,
     "torchquat._operations": 3,
@@ -90,3 +92,12 @@ def test_files_stay_small(path):
 def test_every_module_has_a_rank():
     assert all(rank(module_name(path)) >= 0 for path in SOURCES)
     assert (PACKAGE / "py.typed").exists()
+
+
+def test_importing_the_package_does_not_load_a_compiler():
+    """It would take as long to start as PyTorch itself; roma loads it."""
+    code = (
+        "import sys, torchquat; print(*(m for m in ('roma', 'torch._dynamo') if m in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.PIPE)
+    assert done.stdout.split() == []

@@ -2,21 +2,18 @@
 
 On planes, as in :mod:`torchquat._planes`. PyTorch would keep some thirty planes for the logarithm
 of one quaternion and walk back through each; here the inputs are kept and the rest is computed
-again, in fewer and cheaper steps. Second derivatives, compilers and function transforms get the
-formula itself.
+again, in fewer and cheaper steps.
 """
 
 import math
-from collections.abc import Callable
-from typing import cast
 
 import torch
 from torch import Tensor
-from torch.autograd.function import FunctionCtx
 
 from torchquat import _planes
 from torchquat._eager import derivatives, highest, lowest, recorded
 from torchquat._planes import Quaternion, Vector
+from torchquat._pull_back import Planes, run
 from torchquat._series import (
     angle_over_half_sine,
     horner,
@@ -31,14 +28,11 @@ __all__ = [
     "apart",
     "between",
     "normalized",
-    "run",
     "split",
     "squared_angle",
     "turned",
     "turned_both_ways",
 ]
-
-Planes = tuple[Tensor, ...]
 
 
 def split(q: Tensor) -> Quaternion:
@@ -104,41 +98,6 @@ def accumulated(total: Planes, m: float | Tensor, v: Planes, sign: int = 1) -> P
         else torch.add(t, c, alpha=sign * m, out=None if kept else t)
         for t, c in zip(total, v, strict=True)
     )
-
-
-Formula = Callable[..., Planes]
-"""From planes to planes."""
-
-PullBack = Callable[[Planes, Planes], Planes]
-"""From the inputs and the gradients of the outputs to the gradients of the inputs."""
-
-
-def run(formula: Formula, pull_back: PullBack, *inputs: Tensor) -> Planes:
-    """Evaluate a formula; where a backward pass is recorded, with the one given."""
-    if not recorded(*inputs):
-        return formula(*inputs)
-    return cast(Planes, _Recorded.apply(formula, pull_back, *inputs))
-
-
-class _Recorded(torch.autograd.Function):
-    """A formula whose backward pass is given."""
-
-    @staticmethod
-    def forward(ctx: FunctionCtx, formula: Formula, pull_back: PullBack, *inputs: Tensor) -> Planes:
-        ctx.formula, ctx.pull_back = formula, pull_back  # type: ignore[attr-defined]
-        ctx.save_for_backward(*inputs)
-        return formula(*inputs)
-
-    @staticmethod
-    def backward(ctx: FunctionCtx, *slopes: Tensor) -> tuple[Tensor | None, ...]:
-        inputs: Planes = ctx.saved_tensors  # type: ignore[attr-defined]
-        if torch.is_grad_enabled():  # a derivative of this one will be asked for
-            outputs = ctx.formula(*inputs)  # type: ignore[attr-defined]
-            wanted = [x for x in inputs if x.requires_grad]
-            found = iter(torch.autograd.grad(outputs, wanted, slopes, create_graph=True))
-            return None, None, *(next(found) if x.requires_grad else None for x in inputs)
-        slopes = tuple(slope.contiguous() for slope in slopes)
-        return None, None, *ctx.pull_back(inputs, slopes)  # type: ignore[attr-defined]
 
 
 def _split_back(planes: Planes, slope: Planes) -> Planes:

@@ -23,6 +23,7 @@ __all__ = [
     "exp",
     "join",
     "log",
+    "packed",
     "relative",
     "sign_of",
     "signed",
@@ -52,6 +53,16 @@ def join(parts: Sequence[Tensor]) -> Tensor:
     """
     joined = torch.stack(torch.broadcast_tensors(*parts)).movedim(0, -1)
     return joined.contiguous() if torch.compiler.is_compiling() else joined
+
+
+def packed(parts: Sequence[Tensor]) -> Tensor:
+    """:func:`join`, but with the components of each quaternion side by side in memory."""
+    if derivatives(*parts):
+        return join(parts).contiguous()
+    result = parts[0].new_empty((*parts[0].shape, len(parts)))
+    for component, plane in enumerate(parts):  # with nothing between it and its place
+        result[..., component] = plane
+    return result
 
 
 def cut(q: Quaternion, start: int, frames: int) -> Quaternion:

@@ -5,7 +5,7 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-from torchquat import missing, so3
+from torchquat import _planes, missing, so3
 from torchquat._checks import check_choice, check_signal
 
 __all__ = [
@@ -82,7 +82,7 @@ def restore(result: Tensor, prepared: Tensor, q: Tensor) -> Tensor:
     Returns:
         Unit quaternions ``(..., T, J, 4)`` in the dtype of ``q``.
     """
-    return so3.align(result, prepared).to(q.dtype)
+    return _planes.packed(so3.align(result, prepared).to(q.dtype).unbind(-1))
 
 
 def past_boundary(boundary: Boundary, causal: bool) -> Boundary:
@@ -110,16 +110,16 @@ def pad(
     if frames == 0:  # nothing to stand for: weightless identities
         identity = q.new_tensor([0.0, 0.0, 0.0, 1.0])
         shape = (*q.shape[:-3], 2 * radius, q.shape[-2])
-        return identity.expand(*shape, 4), q.new_zeros(shape)
+        weightless = (q if confidence is None else confidence).new_zeros(shape)
+        return identity.expand(*shape, 4), weightless
     wanted = torch.arange(-radius, frames + radius, device=q.device)
     index = _source(wanted, frames, boundary)
     # component by component, so that they still lie one after the other in memory
     planes = q.movedim(-1, 0)
-    before, after = index[:radius], index[frames + radius :]
-    edges = (planes.index_select(-2, before), planes, planes.index_select(-2, after))
-    padded = torch.cat(edges, -2).movedim(0, -1)
-    if boundary == "extrapolate":
-        padded = _continue(q, padded, (wanted - index).to(q.dtype)[:, None, None])
+    edges = [planes.index_select(-2, each) for each in (index[:radius], index[frames + radius :])]
+    if boundary == "extrapolate" and radius > 0:
+        edges = _continued(q, edges, wanted - index)
+    padded = torch.cat([edges[0], planes, edges[1]], -2).movedim(0, -1)
     if confidence is not None:
         confidence = confidence.index_select(-2, index)
     if boundary == "truncate":
@@ -140,13 +140,19 @@ def _source(wanted: Tensor, frames: int, boundary: Boundary) -> Tensor:
     return wanted.clamp(0, frames - 1)
 
 
-def _continue(q: Tensor, padded: Tensor, overshoot: Tensor) -> Tensor:
-    """Turn on from both edges with the increment found there; one frame stands still."""
-    last = q.shape[-3] - 1
-    first = q.index_select(-3, torch.arange(2, device=q.device).clamp(max=last))
-    final = q.index_select(-3, torch.arange(last - 1, last + 1, device=q.device).clamp(min=0))
-    start, end = (so3.between(*pair.split(1, -3)) for pair in (first, final))
-    return so3.turn(padded, overshoot * torch.where(overshoot < 0, start, end))
+def _continued(q: Tensor, edges: list[Tensor], overshoot: Tensor) -> list[Tensor]:
+    """Turn on, frame by frame, with the increment found at each edge; one frame stands still."""
+    last, radius = q.shape[-3] - 1, edges[0].shape[-2]
+    at_start = torch.arange(2, device=q.device).clamp(max=last)
+    at_end = torch.arange(last - 1, last + 1, device=q.device).clamp(min=0)
+    frames = overshoot.to(q.dtype)[:, None, None]
+    turned = []
+    for edge, pair, count in zip(
+        edges, (at_start, at_end), (frames[:radius], frames[last + 1 + radius :]), strict=True
+    ):
+        step = so3.between(*q.index_select(-3, pair).split(1, -3))
+        turned.append(so3.turn(edge.movedim(0, -1), count * step).movedim(-1, 0))
+    return turned
 
 
 def first_frames(x: Tensor, frames: int, dim: int = -3) -> Tensor:

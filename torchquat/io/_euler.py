@@ -1,7 +1,8 @@
 """Euler angles of motion files: any rotation order, without jumps."""
 
+from types import ModuleType
+
 import numpy as np
-import roma
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
@@ -24,7 +25,7 @@ def euler_to_quaternion(angles_deg: Array, axes: str) -> Tensor:
         Unit quaternions ``(..., 4)``, float64.
     """
     angles = torch.from_numpy(np.deg2rad(angles_deg))
-    return roma.euler_to_unitquat(axes, angles)
+    return _roma().euler_to_unitquat(axes, angles)
 
 
 def nearest_euler(q: Tensor, axes: str, start_deg: Array) -> Array:
@@ -45,7 +46,7 @@ def nearest_euler(q: Tensor, axes: str, start_deg: Array) -> Array:
     order = axes + "".join(axis for axis in "XYZ" if axis not in axes)
     start = np.zeros((*start_deg.shape[:-1], 3))
     start[..., : len(axes)] = np.deg2rad(start_deg)
-    first = np.asarray(roma.unitquat_to_euler(order, q, epsilon=1e-12))
+    first = np.asarray(_roma().unitquat_to_euler(order, q, epsilon=1e-12))
     first = np.concatenate([start[None], _leave_lock(q, first, order, start)])
     second = np.stack([first[..., 0] + np.pi, np.pi - first[..., 1], first[..., 2] + np.pi], -1)
 
@@ -53,6 +54,13 @@ def nearest_euler(q: Tensor, axes: str, start_deg: Array) -> Array:
     on_second = np.logical_xor.accumulate(switch, axis=0)[..., None]
     chosen = np.concatenate([start[None], np.where(on_second, second[1:], first[1:])])
     return np.rad2deg(np.unwrap(chosen, axis=0)[1:, ..., : len(axes)])
+
+
+def _roma() -> ModuleType:
+    """Imported when first needed: it loads PyTorch's compiler, which takes as long as PyTorch."""
+    import roma
+
+    return roma
 
 
 def _turn(angles: Array, before: Array) -> Array:
@@ -70,6 +78,7 @@ def _leave_lock(q: Tensor, angles: Array, order: str, start: Array) -> Array:
     held = np.maximum.accumulate(frame, axis=0)
     known = np.take_along_axis(angles[..., 0], np.maximum(held, 0), axis=0)
     first = np.where(locked, np.where(held >= 0, known, start[..., 0]), angles[..., 0])
+    roma = _roma()
     two = torch.from_numpy(np.stack([first, angles[..., 1]], -1))
     rest = roma.quat_product(roma.quat_inverse(roma.euler_to_unitquat(order[:2], two)), q)
     twist = 2.0 * torch.atan2(rest[..., "XYZ".index(order[2])], rest[..., 3]).numpy()

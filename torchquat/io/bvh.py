@@ -24,7 +24,7 @@ from torchquat.io._bvh_rows import (
     format_rows,
     read_rotations,
     read_rows,
-    replace_values,
+    replace_columns,
     solve_angles,
 )
 from torchquat.io.motion import FormatError, Motion, error_at
@@ -75,12 +75,7 @@ class BvhSource:
         columns, angles = solve_angles(self.joints, motion.q, self.values, changed)
         if not columns:
             return self.header + b"".join(self.rows)
-        formatted = format_rows(angles)
-        rows = [
-            replace_values(row, columns, next(formatted)) if row.strip() else row
-            for row in self.rows
-        ]
-        return self.header + b"".join(rows)
+        return self.header + b"".join(replace_columns(self.rows, columns, angles))
 
 
 def read_bvh(path: Path, *, lenient: bool = False) -> Motion:
@@ -156,7 +151,7 @@ def new_bvh(motion: Motion) -> bytes:
         f"Frame Time: {1.0 / motion.frame_rate:.8f}",
     ]
     text = "".join(f"{line}\n" for line in header).encode("utf-8", "surrogateescape")
-    return text + b"".join(b" ".join(row) + b"\n" for row in format_rows(values))
+    return text + b"".join(row + b"\n" for row in format_rows(values))
 
 
 def _depth_first(parents: Sequence[int]) -> list[int]:

@@ -1,0 +1,51 @@
+"""Formulas with a backward pass of their own.
+
+It is used where operations are recorded one by one. Second derivatives, compilers and function
+transforms get the formula itself.
+"""
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import torch
+from torch import Tensor
+
+from torchquat._eager import recorded
+
+__all__ = ["Formula", "Planes", "PullBack", "run"]
+
+Planes = tuple[Tensor, ...]
+
+Formula = Callable[..., Planes]
+"""From planes to planes."""
+
+PullBack = Callable[[Planes, Planes], Planes]
+"""From the inputs and the gradients of the outputs to the gradients of the inputs."""
+
+
+def run(formula: Formula, pull_back: PullBack, *inputs: Tensor) -> Planes:
+    """Evaluate a formula; where a backward pass is recorded, with the one given."""
+    if not recorded(*inputs):
+        return formula(*inputs)
+    return cast(Planes, _Recorded.apply(formula, pull_back, *inputs))
+
+
+class _Recorded(torch.autograd.Function):
+    """A formula whose backward pass is given."""
+
+    @staticmethod
+    def forward(ctx: Any, formula: Formula, pull_back: PullBack, *inputs: Tensor) -> Planes:
+        ctx.formula, ctx.pull_back = formula, pull_back
+        ctx.save_for_backward(*inputs)
+        return formula(*inputs)
+
+    @staticmethod
+    def backward(ctx: Any, *slopes: Tensor) -> tuple[Tensor | None, ...]:
+        inputs: Planes = ctx.saved_tensors
+        if torch.is_grad_enabled():  # a derivative of this one will be asked for
+            outputs = ctx.formula(*inputs)
+            wanted = [x for x in inputs if x.requires_grad]
+            found = iter(torch.autograd.grad(outputs, wanted, slopes, create_graph=True))
+            return None, None, *(next(found) if x.requires_grad else None for x in inputs)
+        slopes = tuple(slope.contiguous() for slope in slopes)
+        return None, None, *ctx.pull_back(inputs, slopes)
