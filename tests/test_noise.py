@@ -122,8 +122,10 @@ def test_pops_stay_for_a_while(share, rng):
     # some 900 stretches at the lower share: known to 4 %
     assert off.double().mean().item() == pytest.approx(share, rel=0.12)
     # the first and the last frames are as likely to be off as all others
-    for end in (off[:5], off[-5:]):
-        assert end.double().mean().item() == pytest.approx(share, rel=0.5)
+    short = noise.pops(q[:20].repeat(1, 100, 1), 0.5, share=share, generator=rng)
+    ends = angle_between(short, q[:20].repeat(1, 100, 1)) > 1e-9
+    for end in (ends[0], ends[-1]):
+        assert end.double().mean().item() == pytest.approx(share, rel=0.25)
     moves = angle_between(popped[1:], popped[:-1]) > 1e-9
     if share < 0.1:  # hardly any stretch is cut off by another: most have a full length
         stays = _stretch_lengths(off, moves)
@@ -165,7 +167,8 @@ def test_quantised_angles_are_multiples_of_the_step(axes, rng, dtype):
     angles = Rotation.from_quat(
         noise.quantise(q, step, axes=axes).double().reshape(-1, 4).numpy()
     ).as_euler(axes)
-    angles = angles[abs(angles[:, 1]) < 1.5]  # beyond a right angle there is another solution
+    # beyond a right angle there is another solution, beyond a half turn one of the other sign
+    angles = angles[(abs(angles) < [3.1, 1.5, 3.1]).all(-1)]
     assert abs(angles / step - (angles / step).round()).max() < 1e-3
     assert angle_between(noise.quantise(q, step, axes=axes), q).max() < 1.5 * step
 
