@@ -1,0 +1,195 @@
+"""How much white noise there is in a motion that nobody has seen clean."""
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from torchquat import _planes, missing, so3
+from torchquat._checks import check_signal
+from torchquat.noise._axes import AXES, least_axes
+from torchquat.noise._ranks import masked_mean, quantile, running_mean
+
+__all__ = ["estimate_sigma"]
+
+ORDERS = (2, 4, 6, 8)  # of the differences; even ones have a frame in the middle
+CUT = 3.5  # standard deviations: longer vectors are something else than noise
+KEPT_POWER = 0.9754  # mean of chi_3^2 / 3 where it is below CUT^2
+START, START_POWER = 0.3, 1.4237  # a quantile that outliers hardly move, and that of chi_3^2
+PASSES = 8
+QUIET_POWER = {2: 0.7027, 4: 0.6517, 6: 0.6176, 8: 0.5936}
+"""Mean power of white noise in the quieter half of its windows, by order of the difference."""
+DOUBT = 2.0  # standard errors by which a less certain estimate must be lower to be believed
+LEAST_COUNT = 2.0  # independent vectors that an estimate must rest on
+LARGEST = 1.3  # [rad]; beyond it rotations lie so evenly that nothing tells sizes apart
+
+
+class _Estimate(NamedTuple):
+    """Mean squared difference per axis ``(..., J)``, its relative standard error, and if any."""
+
+    power: Tensor
+    error: Tensor
+    known: Tensor
+
+
+class _Differences(NamedTuple):
+    """Differences of one order: squared norms, vectors in the body frame, and which count.
+
+    Scaled so that the noise of single frames keeps its size, where it is small.
+    """
+
+    order: int
+    square: Tensor  # (..., N, J)
+    vector: Tensor  # (3, ..., N, J)
+    valid: Tensor  # (..., N, J)
+
+
+def estimate_sigma(q: Tensor, weight: Tensor | None = None) -> Tensor:
+    r"""Standard deviation of the white noise of every joint, as :func:`gaussian` makes it.
+
+    The p-th difference of the rotation matrices removes motion that is a polynomial of time within
+    p + 1 frames. Of independent noise it leaves, whatever its size,
+
+    .. math::
+        E \Big\| \sum_k (-1)^k \binom{p}{k} R_{t+k} \Big\|^2 = 3 \binom{2p}{p} (1 - \lambda^2),
+        \quad \lambda = \frac{1 + 2 (1 - \sigma^2) e^{-\sigma^2 / 2}}{3}
+
+    which is solved for :math:`\sigma`. The mean runs over vectors below 3.5 standard deviations
+    and is corrected for that: single outliers and both ends of a pop do not count. What motion is
+    left is sought out in three ways, each with its standard error: by orders p = 2, 4, 6, 8; by the
+    quieter half of the windows of 9 frames; by the least one or two eigenvalues of the covariance
+    of the three axes, as joints hardly ever move about all of them alike, and noise is taken to.
+    The lowest estimate wins whose lead is more than chance.
+
+    Noise that lasts for several frames is underestimated: most of it looks like motion. Motion that
+    frames are too far apart for is taken as noise: about 0.001 rad at 30 frames a second, and
+    several times that in dance.
+
+    Args:
+        q: Quaternions ``(..., T, J, 4)`` of any norm and sign.
+        weight: Confidence or mask, broadcastable to ``(..., T, J)``. Frames that are missing do not
+            count; other weights make no difference.
+
+    Returns:
+        Standard deviation of each component of the noise's rotation vector [rad], ``(..., J)``, in
+        the dtype of ``q``, at most 1.3. 0 where fewer than a dozen frames are present. It has no
+        gradient. The standard error is 4 % for 300 frames and 5 % for 200.
+
+    Raises:
+        TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
+        ValueError: If a shape or device does not fit.
+
+    Reference:
+        Hall, Kay and Titterington, "Asymptotically optimal difference-based estimation of variance
+        in nonparametric regression", Biometrika 1990, for differences in general.
+    """
+    check_signal(q, weight)
+    with torch.no_grad():
+        work = q.detach().double()
+        present = missing.validity(q.detach(), weight)
+        unit, present = _side_by_side(so3.normalize(work), present)
+        orders = [order for order in ORDERS if order < unit.shape[-3]]
+        if not orders:
+            return q.new_zeros((*q.shape[:-3], q.shape[-2]))
+        found = (_differences(unit, present, order) for order in orders)
+        power = _lowest(estimate for each in found for estimate in _estimates(each))
+        return _size(power).to(q.dtype)
+
+
+def _side_by_side(unit: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
+    """Frames as they are; where hardly any lie side by side, those present one after the other."""
+    frames = unit.shape[-3]
+    pairs = (present[..., 1:, :] & present[..., :-1, :]).sum(-2, keepdim=True)
+    count = present.sum(-2, keepdim=True)
+    scattered = 2 * pairs < count
+    frame = torch.arange(frames, device=unit.device)[:, None]
+    packed = (~present).to(torch.uint8).argsort(dim=-2, stable=True)
+    source = torch.where(scattered, packed, frame)
+    moved = unit.gather(-3, source[..., None].expand(unit.shape))
+    return moved, torch.where(scattered, frame < count, present)
+
+
+def _differences(unit: Tensor, present: Tensor, order: int) -> _Differences:
+    """By the matrices ``q q^T``, which do not know signs: twice as far apart are rotations."""
+    q = _planes.split(unit)
+    gain = math.comb(2 * order, order)
+    steps = {(i, j): (q[i] * q[j]).diff(n=order, dim=-2) for i in range(4) for j in range(i, 4)}
+    square = sum((1.0 + (i != j)) * step.square() for (i, j), step in steps.items())
+    frames = unit.shape[-3] - order
+    x, y, z, w = (
+        sum(steps[min(i, j), max(i, j)] * q[j].narrow(-2, order // 2, frames) for j in range(4))
+        for i in range(4)
+    )
+    vector = _planes.vector_part(_planes.cut(q, order // 2, frames), (x, y, z, w))
+    valid = torch.stack([present.narrow(-2, k, frames) for k in range(order + 1)]).all(0)
+    return _Differences(
+        order, 2.0 / gain * square, 2.0 / math.sqrt(gain) * torch.stack(vector), valid
+    )
+
+
+def _estimates(found: _Differences) -> Iterator[_Estimate]:
+    """From all and from quiet times, by three, two and one axis."""
+    variance = _truncated(found.square, found.valid)
+    inside = found.valid & (found.square < CUT**2 * variance)
+    local = running_mean(found.square, inside)
+    quiet = inside & (local <= quantile(local, inside, 0.5))
+    calm = masked_mean(found.square, quiet) / (AXES * QUIET_POWER[found.order])
+    for chosen, power in ((inside, variance), (quiet, calm)):
+        independent = chosen.sum(-2) / _overlap(found.order)
+        axes = least_axes(found.vector, chosen, independent.clamp(min=LEAST_COUNT))
+        for ratio, error, known in axes:
+            yield _Estimate(power.squeeze(-2) * ratio, error, known & (independent >= LEAST_COUNT))
+
+
+def _truncated(square: Tensor, valid: Tensor) -> Tensor:
+    """Mean square per axis ``(..., 1, J)`` of those below the cut, as if none were above it."""
+    variance = quantile(square, valid, START) / START_POWER
+    for _ in range(PASSES):
+        inside = valid & (square < CUT**2 * variance)
+        variance = masked_mean(square, inside) / (AXES * KEPT_POWER)
+    return variance
+
+
+def _overlap(order: int) -> float:
+    """How many squared differences of white noise are worth one that is independent."""
+    gain = math.comb(2 * order, order)
+    lags = (math.comb(2 * order, order + lag) / gain for lag in range(1, order + 1))
+    return 1.0 + 2.0 * sum(correlation**2 for correlation in lags)
+
+
+def _lowest(estimates: Iterator[_Estimate]) -> Tensor:
+    """The lowest power, if it is lower than the surest one by more than the errors explain.
+
+    The surest estimate comes first. The difference of two has the variance of the unsure one minus
+    that of the sure one (Hausman 1978).
+    """
+    surest = next(estimates)
+    best = bound = surest.power
+    for power, error, known in estimates:
+        apart = (error.square() - surest.error.square()).clamp(min=0.0).sqrt()
+        own = power * (1.0 + DOUBT * apart).square()
+        lower = known & (own < bound)
+        best, bound = torch.where(lower, power, best), torch.where(lower, own, bound)
+    return torch.where(surest.known, best, 0.0)
+
+
+def _size(power: Tensor) -> Tensor:
+    r"""Solve :math:`(1 - \lambda^2) / 2 = x` for :math:`\sigma`, by Newton's method.
+
+    The left side is concave in the variance, so that it is approached from below.
+    """
+    wanted = power.clamp(max=float(_bend(torch.tensor(LARGEST**2).double())[0]))
+    variance = wanted
+    for _ in range(12):
+        value, slope = _bend(variance)
+        variance = variance + (wanted - value) / slope
+    return variance.clamp(min=0.0).sqrt()
+
+
+def _bend(variance: Tensor) -> tuple[Tensor, Tensor]:
+    """Half of ``1 - lambda^2``, and its slope."""
+    decay = torch.exp(-0.5 * variance)
+    mean = (1.0 + 2.0 * (1.0 - variance) * decay) / 3.0
+    return 0.5 * (1.0 - mean.square()), mean * decay * (3.0 - variance) / 3.0
