@@ -13,9 +13,7 @@ LEAST = {3: 0.0, 2: -1.0368, 1: -2.0727}
 on the diagonal and 1 elsewhere: the covariance of N vectors is such a matrix over the root of N."""
 SPREAD = {3: 0.8165, 2: 0.8945, 1: 1.0957}
 """Standard deviation of the same."""
-NO_AXIS = (
-    1e-6  # share of the power: a hinge does not turn about such an axis at all
-)
+NO_AXIS = 1e-6  # share of the power: a hinge does not turn about such an axis at all
 LEAST_EXPECTED = 0.3  # below it, of few vectors, the correction is too uncertain
 
 
@@ -28,8 +26,8 @@ def least_axes(
     by chance: the ratios are corrected for that, so that noise alone gives 1 on average.
 
     Args:
-        vector: Vectors ``(3, ..., N, J)``.
-        chosen: Which of them count, booleans ``(..., N, J)``.
+        vector: Vectors ``(3, ..., J, N)``.
+        chosen: Which of them count, booleans ``(..., J, N)``.
         independent: How many independent ones they are worth, ``(..., J)``, > 0.
 
     Yields:
@@ -53,7 +51,10 @@ def least_axes(
 def _principal_power(vector: Tensor, chosen: Tensor) -> Tensor:
     """Eigenvalues of the sum of ``v v^T``, rising, ``(..., J, 3)``."""
     kept = torch.where(chosen, vector, 0.0)
+    entries = {
+        (i, j): (kept[i] * kept[j]).sum(-1).double() for i in range(AXES) for j in range(i, AXES)
+    }
     rows = [
-        torch.stack([(kept[i] * kept[j]).sum(-2) for j in range(AXES)], -1) for i in range(AXES)
+        torch.stack([entries[min(i, j), max(i, j)] for j in range(AXES)], -1) for i in range(AXES)
     ]
-    return torch.linalg.eigvalsh(torch.stack(rows, -1)).clamp(min=0.0)
+    return torch.linalg.eigvalsh(torch.stack(rows, -1)).clamp(min=0.0).to(vector.dtype)

@@ -10,7 +10,7 @@ from torch import Tensor
 from torchquat import _planes, missing, so3
 from torchquat._checks import check_signal
 from torchquat.noise._axes import AXES, least_axes
-from torchquat.noise._ranks import masked_mean, quantile, running_mean
+from torchquat.noise._ranks import masked_mean, quantile, ranked, running_mean
 
 __all__ = ["estimate_sigma"]
 
@@ -37,13 +37,14 @@ class _Estimate(NamedTuple):
 class _Differences(NamedTuple):
     """Differences of one order: squared norms, vectors in the body frame, and which count.
 
-    Scaled so that the noise of single frames keeps its size, where it is small.
+    Scaled so that the noise of single frames keeps its size, where it is small. Time comes last:
+    most of what follows sorts and sums along it.
     """
 
     order: int
-    square: Tensor  # (..., N, J)
-    vector: Tensor  # (3, ..., N, J)
-    valid: Tensor  # (..., N, J)
+    square: Tensor  # (..., J, N)
+    vector: Tensor  # (3, ..., J, N)
+    valid: Tensor  # (..., J, N)
 
 
 def estimate_sigma(q: Tensor, weight: Tensor | None = None) -> Tensor:
@@ -87,46 +88,55 @@ def estimate_sigma(q: Tensor, weight: Tensor | None = None) -> Tensor:
     """
     check_signal(q, weight)
     with torch.no_grad():
-        work = q.detach().double()
-        present = missing.validity(q.detach(), weight)
-        unit, present = _side_by_side(so3.normalize(work), present)
-        orders = [order for order in ORDERS if order < unit.shape[-3]]
-        if not orders:
-            return q.new_zeros((*q.shape[:-3], q.shape[-2]))
-        found = (_differences(unit, present, order) for order in orders)
-        power = _lowest(estimate for each in found for estimate in _estimates(each))
+        present = missing.validity(q.detach(), weight).mT
+        unit = so3.normalize((q.float() if q.dtype.itemsize < 4 else q).detach())
+        planes = torch.stack([plane.mT for plane in unit.unbind(-1)])  # (4, ..., J, T)
+        power = _lowest(
+            estimate
+            for found in _differences(*_side_by_side(planes, present))
+            for estimate in _estimates(found)
+        )
         return _size(power).to(q.dtype)
 
 
-def _side_by_side(unit: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
+def _side_by_side(planes: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
     """Frames as they are; where hardly any lie side by side, those present one after the other."""
-    frames = unit.shape[-3]
-    pairs = (present[..., 1:, :] & present[..., :-1, :]).sum(-2, keepdim=True)
-    count = present.sum(-2, keepdim=True)
+    pairs = (present[..., 1:] & present[..., :-1]).sum(-1, keepdim=True)
+    count = present.sum(-1, keepdim=True)
     scattered = 2 * pairs < count
-    frame = torch.arange(frames, device=unit.device)[:, None]
-    packed = (~present).to(torch.uint8).argsort(dim=-2, stable=True)
+    frame = torch.arange(present.shape[-1], device=planes.device)
+    packed = (~present).to(torch.uint8).argsort(dim=-1, stable=True)
     source = torch.where(scattered, packed, frame)
-    moved = unit.gather(-3, source[..., None].expand(unit.shape))
+    moved = planes.gather(-1, source.expand(planes.shape))
     return moved, torch.where(scattered, frame < count, present)
 
 
-def _differences(unit: Tensor, present: Tensor, order: int) -> _Differences:
-    """By the matrices ``q q^T``, which do not know signs: twice as far apart are rotations."""
-    q = _planes.split(unit)
-    gain = math.comb(2 * order, order)
-    steps = {(i, j): (q[i] * q[j]).diff(n=order, dim=-2) for i in range(4) for j in range(i, 4)}
-    square = sum((1.0 + (i != j)) * step.square() for (i, j), step in steps.items())
-    frames = unit.shape[-3] - order
-    x, y, z, w = (
-        sum(steps[min(i, j), max(i, j)] * q[j].narrow(-2, order // 2, frames) for j in range(4))
-        for i in range(4)
-    )
-    vector = _planes.vector_part(_planes.cut(q, order // 2, frames), (x, y, z, w))
-    valid = torch.stack([present.narrow(-2, k, frames) for k in range(order + 1)]).all(0)
-    return _Differences(
-        order, 2.0 / gain * square, 2.0 / math.sqrt(gain) * torch.stack(vector), valid
-    )
+def _differences(planes: Tensor, present: Tensor) -> Iterator[_Differences]:
+    """By the matrices ``q q^T``, which do not know signs: rotations lie twice as far apart.
+
+    A sequence too short for the lowest order gets one difference that does not count.
+    """
+    short = max(ORDERS[0] + 1 - planes.shape[-1], 0)
+    planes, present = (torch.nn.functional.pad(x, (0, short)) for x in (planes, present))
+    row, column = torch.triu_indices(4, 4, device=planes.device)
+    steps = planes[row] * planes[column]  # the upper triangle
+    twice = torch.where(row == column, 1.0, 2.0).to(steps).reshape(-1, *(1,) * present.dim())
+    valid = present
+    for order in range(1, min(ORDERS[-1], planes.shape[-1] - 1) + 1):
+        steps = steps[..., 1:] - steps[..., :-1]
+        valid = valid[..., 1:] & valid[..., :-1]
+        if order in ORDERS:
+            gain = math.comb(2 * order, order)
+            square = (2.0 / gain) * (twice * steps.square()).sum(0)
+            vector = _body_vector(planes.narrow(-1, order // 2, steps.shape[-1]), steps)
+            yield _Differences(order, square, (2.0 / gain**0.5) * vector, valid)
+
+
+def _body_vector(q: Tensor, steps: Tensor) -> Tensor:
+    """Vector part of ``q^-1 (S q)`` for symmetric matrices, given by their upper triangles."""
+    rows = ((0, 1, 2, 3), (1, 4, 5, 6), (2, 5, 7, 8), (3, 6, 8, 9))
+    x, y, z, w = (_planes.dot([steps[k] for k in row], q.unbind(0)) for row in rows)
+    return torch.stack(_planes.vector_part(q.unbind(0), (x, y, z, w)))
 
 
 def _estimates(found: _Differences) -> Iterator[_Estimate]:
@@ -134,21 +144,25 @@ def _estimates(found: _Differences) -> Iterator[_Estimate]:
     variance = _truncated(found.square, found.valid)
     inside = found.valid & (found.square < CUT**2 * variance)
     local = running_mean(found.square, inside)
-    quiet = inside & (local <= quantile(local, inside, 0.5))
+    quiet = inside & (local <= quantile(*ranked(local, inside), 0.5))
     calm = masked_mean(found.square, quiet) / (AXES * QUIET_POWER[found.order])
     for chosen, power in ((inside, variance), (quiet, calm)):
-        independent = chosen.sum(-2) / _overlap(found.order)
+        independent = chosen.sum(-1).to(power.dtype) / _overlap(found.order)
+        enough = independent >= LEAST_COUNT
         axes = least_axes(found.vector, chosen, independent.clamp(min=LEAST_COUNT))
         for ratio, error, known in axes:
-            yield _Estimate(power.squeeze(-2) * ratio, error, known & (independent >= LEAST_COUNT))
+            yield _Estimate(power.squeeze(-1) * ratio, error, known & enough)
 
 
 def _truncated(square: Tensor, valid: Tensor) -> Tensor:
-    """Mean square per axis ``(..., 1, J)`` of those below the cut, as if none were above it."""
-    variance = quantile(square, valid, START) / START_POWER
+    """Mean square per axis ``(..., J, 1)`` of those below the cut, as if none were above it."""
+    ordered, count = ranked(square, valid)
+    variance = quantile(ordered, count, START) / START_POWER
+    total = torch.where(ordered < torch.inf, ordered, 0.0).cumsum(-1)
     for _ in range(PASSES):
-        inside = valid & (square < CUT**2 * variance)
-        variance = masked_mean(square, inside) / (AXES * KEPT_POWER)
+        inside = (ordered < CUT**2 * variance).sum(-1, keepdim=True)
+        mean = total.gather(-1, (inside - 1).clamp(min=0)) / inside.clamp(min=1)
+        variance = torch.where(inside > 0, mean, 0.0) / (AXES * KEPT_POWER)
     return variance
 
 
