@@ -4,10 +4,19 @@ from torch import nn
 
 from torchquat import (
     BilateralFilter,
+    ButterworthFilter,
     GaussianFilter,
+    HampelFilter,
+    KalmanSmoother,
+    KernelPCAFilter,
     LiftingDenoiser,
     LinearFilter,
+    MedianFilter,
+    MovingMeanFilter,
     NonLocalPoseMeans,
+    OneEuroFilter,
+    PrincipalComponentFilter,
+    SavitzkyGolayFilter,
 )
 
 SYMMETRIC: dict[str, nn.Module] = {
@@ -19,6 +28,16 @@ SYMMETRIC: dict[str, nn.Module] = {
     "bilateral-exponential": BilateralFilter(1.5, 0.5, kernel="exponential"),
     "bilateral-per-joint": BilateralFilter([1.0, 1.5, 2.0], 0.5, boundary="replicate"),
     "nonlocal-joint": NonLocalPoseMeans(0.3, patch_radius=1, search_radius=4, groups="joint"),
+    "savitzky-golay": SavitzkyGolayFilter(3, 2),
+    "savitzky-golay-reflect": SavitzkyGolayFilter(2, 3, boundary="reflect"),
+    "moving-mean": MovingMeanFilter(),
+    "butterworth": ButterworthFilter(0.2),
+    "butterworth-extrapolate": ButterworthFilter(
+        7.0, order=3, frame_rate=30.0, boundary="extrapolate"
+    ),
+    "median": MedianFilter(2),
+    "median-truncate": MedianFilter(1, boundary="truncate"),
+    "hampel": HampelFilter(2, 1.0),
 }
 CAUSAL: dict[str, nn.Module] = {
     "gaussian-causal": GaussianFilter(1.5, causal=True),
@@ -27,6 +46,7 @@ CAUSAL: dict[str, nn.Module] = {
     "nonlocal-causal": NonLocalPoseMeans(
         0.3, patch_radius=1, search_radius=4, groups="joint", causal=True
     ),
+    "one-euro": OneEuroFilter(0.05, 0.2, d_cutoff=0.1),
 }
 ASYMMETRIC: dict[str, nn.Module] = {
     "linear-asymmetric": LinearFilter([0.1, 0.2, 0.5, 0.3, 0.4]),
@@ -35,10 +55,16 @@ ASYMMETRIC: dict[str, nn.Module] = {
     "lifting-squad": LiftingDenoiser("squad", levels=2, rule="sure", cycle_spins=3),
     "lifting-bezier": LiftingDenoiser("bezier", levels=3, rule="bayes"),
     "lifting-finest": LiftingDenoiser("linear", levels=3, rule="finest"),
+    "kalman": KalmanSmoother(0.1, 0.3),
+    "kalman-acceleration": KalmanSmoother(0.05, 0.3, order=3),
 }
 """One side counts more than the other, or even frames for something else than odd ones."""
 MIXING: dict[str, nn.Module] = {
     "nonlocal-pose": NonLocalPoseMeans(0.3, patch_radius=1, search_radius=4, boundary="reflect"),
+    "principal-components": PrincipalComponentFilter(4),
+    "principal-components-share": PrincipalComponentFilter(0.8),
+    "kernel-pca": KernelPCAFilter(4),
+    "kernel-pca-narrow": KernelPCAFilter(0.8, sigma=0.3, landmarks=8, iterations=4),
 }
 """Filters whose joints share weights, on purpose; symmetric in time."""
 ALL = SYMMETRIC | CAUSAL | ASYMMETRIC | MIXING

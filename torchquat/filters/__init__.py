@@ -4,6 +4,7 @@ from torchquat.filters.bilateral import (
     BilateralFilter,
     bilateral_filter,
 )
+from torchquat.filters.butterworth import ButterworthFilter, butterworth_filter
 from torchquat.filters.editing import compress, salience, scale_details, stored_share
 from torchquat.filters.lifting import (
     BezierPredict,
@@ -22,37 +23,66 @@ from torchquat.filters.linear import (
     gaussian_filter,
     linear_filter,
 )
+from torchquat.filters.moving_mean import MovingMeanFilter, moving_mean_filter
 from torchquat.filters.nonlocal_means import (
     NonLocalPoseMeans,
     nonlocal_pose_means,
 )
+from torchquat.filters.one_euro import OneEuroFilter, one_euro_filter
+from torchquat.filters.robust import HampelFilter, MedianFilter, hampel_filter, median_filter
+from torchquat.filters.savitzky_golay import SavitzkyGolayFilter, savitzky_golay_filter
 from torchquat.filters.shrinkage import (
     LiftingDenoiser,
     lifting_denoiser,
 )
+from torchquat.filters.subspace import (
+    KernelPCAFilter,
+    PrincipalComponentFilter,
+    kernel_pca_filter,
+    principal_component_filter,
+)
+from torchquat.filters.tracking import KalmanSmoother, kalman_smoother
 
 __all__ = [
     "BezierPredict",
     "BilateralFilter",
+    "ButterworthFilter",
     "GaussianFilter",
     "HaarPredict",
     "HaarUpdate",
+    "HampelFilter",
+    "KalmanSmoother",
+    "KernelPCAFilter",
     "LiftingDenoiser",
     "LiftingStep",
     "LiftingTransform",
     "LinearFilter",
     "LinearPredict",
     "LinearUpdate",
+    "MedianFilter",
+    "MovingMeanFilter",
     "NonLocalPoseMeans",
+    "OneEuroFilter",
+    "PrincipalComponentFilter",
     "Pyramid",
+    "SavitzkyGolayFilter",
     "SquadPredict",
     "bilateral_filter",
+    "butterworth_filter",
     "compress",
     "gaussian_filter",
+    "hampel_filter",
+    "kalman_smoother",
+    "kernel_pca_filter",
     "lifting_denoiser",
     "linear_filter",
+    "median_filter",
+    "moving_mean_filter",
     "nonlocal_pose_means",
+    "one_euro_filter",
+    "principal_component_filter",
     "salience",
+    "savitzky_golay_filter",
     "scale_details",
     "stored_share",
 ]

@@ -101,6 +101,8 @@ def tangent_mean(
         ahead, behind = weigh(lag, partial(_apart, q, increment, lag, first, pairs))
         sides = ((-1, behind, 0, first), (1, ahead, lag, radius))
         for side, m, row, start in sides[:1] if causal else sides:
+            if isinstance(m, float) and m == 0.0:
+                continue
             m = _rows(m, row, frames)
             m = m if trust is None else m * trust.narrow(-2, radius + side * lag, frames)
             total = total + m

@@ -7,7 +7,6 @@ from torch import Tensor, nn
 
 from torchquat import timeline
 from torchquat._checks import check_choice, check_count, check_positive
-from torchquat._eager import lowest, numbers
 from torchquat._planes import Quaternion, Vector
 from torchquat.filters._bandwidth import (
     Bandwidth,
@@ -16,7 +15,8 @@ from torchquat.filters._bandwidth import (
     register_bandwidth,
     shown,
 )
-from torchquat.filters._lee_shin import move, tangent_mean
+from torchquat.filters._lee_shin import move
+from torchquat.filters._masks import as_mask, convolve, masked_mean
 from torchquat.timeline import BOUNDARIES, Boundary
 
 __all__ = ["GaussianFilter", "LinearFilter", "gaussian_filter", "linear_filter"]
@@ -62,13 +62,13 @@ def linear_filter(
         is the same step.
     """
     unit, confidence = timeline.prepare(q, weight, causal=causal)
-    mask = _as_mask(mask, unit)
+    mask = as_mask(mask, unit)
     if causal:
         mask = torch.cat([mask[: len(mask) // 2 + 1], torch.zeros_like(mask[: len(mask) // 2])])
     mask = mask / mask.sum(0)
 
     boundary = timeline.past_boundary(boundary, causal)
-    return _convolve(unit, confidence, mask, boundary=boundary, causal=causal).to(q.dtype)
+    return convolve(unit, confidence, mask, boundary=boundary, causal=causal).to(q.dtype)
 
 
 def gaussian_filter(
@@ -112,7 +112,7 @@ def gaussian_filter(
     boundary = timeline.past_boundary(boundary, causal)
 
     def step(window: Quaternion, trust: Tensor | None) -> Vector:
-        return _masked_mean(window, trust, mask, causal=causal)[0]
+        return masked_mean(window, trust, mask, causal=causal)[0]
 
     result = move(unit, confidence, step, radius=radius, boundary=boundary, shared=(mask,))
     return result.to(q.dtype)
@@ -135,7 +135,7 @@ class LinearFilter(nn.Module):
         super().__init__()
         check_choice("boundary", boundary, BOUNDARIES)
         values = torch.as_tensor(mask, dtype=torch.float64).detach()
-        _as_mask(values, values)
+        as_mask(values, values)
         if not bool(values.isfinite().all() and (values.sum(0) > 0).all()):
             raise ValueError(f"mask must be finite with a sum > 0, got {values.tolist()}.")
         self.register_buffer("mask", values.float())
@@ -199,53 +199,3 @@ class GaussianFilter(nn.Module):
             f"sigma_t={shown(self.sigma_t)}, radius={self.radius}, "
             f"boundary={self.boundary!r}, causal={self.causal}"
         )
-
-
-def _convolve(
-    unit: Tensor, confidence: Tensor | None, mask: Tensor, *, boundary: Boundary, causal: bool
-) -> Tensor:
-    """Filter with a mask ``(2k + 1, J or 1)`` that may have negative entries."""
-    rising, falling = mask.clamp(min=0), mask.clamp(max=0)
-
-    def step(window: Quaternion, trust: Tensor | None) -> Vector:
-        up, up_total = _masked_mean(window, trust, rising, causal=causal)
-        if lowest(mask) >= 0:
-            return up
-        down, down_total = _masked_mean(window, trust, -falling, causal=causal)
-        gain, loss = rising.sum(0), falling.sum(0)
-        # where one sign has no frame left, the other stands for both
-        x, y, z = (
-            gain * torch.where(up_total > 0, u, d) + loss * torch.where(down_total > 0, d, u)
-            for u, d in zip(up, down, strict=True)
-        )
-        return x, y, z
-
-    shared = (rising, falling)
-    return move(unit, confidence, step, radius=len(mask) // 2, boundary=boundary, shared=shared)
-
-
-def _masked_mean(
-    window: Quaternion, trust: Tensor | None, mask: Tensor, *, causal: bool
-) -> tuple[Vector, Tensor]:
-    """Tangent mean for a mask ``(2k + 1, J or 1)`` >= 0."""
-    radius = len(mask) // 2
-    rows = numbers(mask)
-    return tangent_mean(
-        window,
-        trust,
-        lambda lag, squared_angle: (rows[radius + lag], rows[radius - lag]),
-        centre=rows[radius],
-        radius=radius,
-        causal=causal,
-    )
-
-
-def _as_mask(mask: Tensor | Sequence[float], like: Tensor) -> Tensor:
-    """Mask ``(2k + 1, J or 1)`` in the dtype of ``like``."""
-    mask = torch.as_tensor(mask, dtype=like.dtype, device=like.device)
-    if mask.dim() not in (1, 2) or len(mask) % 2 == 0:
-        raise ValueError(f"mask must have shape (2k + 1,) or (2k + 1, J), got {tuple(mask.shape)}.")
-    if like.dim() > 2 and mask.dim() == 2 and mask.shape[1] not in (1, like.shape[-2]):
-        joints = like.shape[-2]
-        raise ValueError(f"mask must have one column or {joints}, got {mask.shape[1]}.")
-    return mask.reshape(len(mask), -1)

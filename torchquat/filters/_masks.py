@@ -1,0 +1,63 @@
+"""Fixed masks along time, on the increments of rotations."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from torchquat._eager import lowest, numbers
+from torchquat._planes import Quaternion, Vector
+from torchquat.filters._lee_shin import move, tangent_mean
+from torchquat.timeline import Boundary
+
+__all__ = ["as_mask", "convolve", "masked_mean"]
+
+
+def convolve(
+    unit: Tensor, confidence: Tensor | None, mask: Tensor, *, boundary: Boundary, causal: bool
+) -> Tensor:
+    """Filter with a mask ``(2k + 1, J or 1)`` that may have negative entries."""
+    rising, falling = mask.clamp(min=0), mask.clamp(max=0)
+
+    def step(window: Quaternion, trust: Tensor | None) -> Vector:
+        up, up_total = masked_mean(window, trust, rising, causal=causal)
+        if lowest(mask) >= 0:
+            return up
+        down, down_total = masked_mean(window, trust, -falling, causal=causal)
+        gain, loss = rising.sum(0), falling.sum(0)
+        # where one sign has no frame left, the other stands for both
+        x, y, z = (
+            gain * torch.where(up_total > 0, u, d) + loss * torch.where(down_total > 0, d, u)
+            for u, d in zip(up, down, strict=True)
+        )
+        return x, y, z
+
+    shared = (rising, falling)
+    return move(unit, confidence, step, radius=len(mask) // 2, boundary=boundary, shared=shared)
+
+
+def masked_mean(
+    window: Quaternion, trust: Tensor | None, mask: Tensor, *, causal: bool
+) -> tuple[Vector, Tensor]:
+    """Tangent mean for a mask ``(2k + 1, J or 1)`` >= 0."""
+    radius = len(mask) // 2
+    rows = numbers(mask)
+    return tangent_mean(
+        window,
+        trust,
+        lambda lag, squared_angle: (rows[radius + lag], rows[radius - lag]),
+        centre=rows[radius],
+        radius=radius,
+        causal=causal,
+    )
+
+
+def as_mask(mask: Tensor | Sequence[float], like: Tensor) -> Tensor:
+    """Mask ``(2k + 1, J or 1)`` in the dtype of ``like``."""
+    mask = torch.as_tensor(mask, dtype=like.dtype, device=like.device)
+    if mask.dim() not in (1, 2) or len(mask) % 2 == 0:
+        raise ValueError(f"mask must have shape (2k + 1,) or (2k + 1, J), got {tuple(mask.shape)}.")
+    if like.dim() > 2 and mask.dim() == 2 and mask.shape[1] not in (1, like.shape[-2]):
+        joints = like.shape[-2]
+        raise ValueError(f"mask must have one column or {joints}, got {mask.shape[1]}.")
+    return mask.reshape(len(mask), -1)
