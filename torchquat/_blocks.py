@@ -12,8 +12,8 @@ from torchquat._planes import Quaternion
 
 __all__ = ["Window", "blocks", "in_windows"]
 
-BLOCK = 2**16
-"""Elements of one component in a block: a few dozen such planes fit a second-level cache."""
+BLOCK = 2**17
+"""Elements of one component in a block: a few dozen such planes fit a third-level cache."""
 
 
 class Window(NamedTuple):

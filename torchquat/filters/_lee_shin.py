@@ -11,6 +11,8 @@ from torchquat._blocks import Window, in_windows
 from torchquat._eager import lowest
 from torchquat._operations import accumulated
 from torchquat._planes import Quaternion, Vector
+from torchquat._pull_back import Planes, run
+from torchquat.filters._lee_shin_back import symmetric_back
 from torchquat.timeline import Boundary
 
 __all__ = ["Step", "Weigh", "divided", "move", "tangent_mean"]
@@ -63,6 +65,7 @@ def tangent_mean(
     centre: float | Tensor = 1.0,
     radius: int,
     causal: bool = False,
+    rate: float | Tensor | None = None,
 ) -> tuple[Vector, Tensor]:
     r"""Mean of ``c_j - c_i`` over the window, with ``c`` the running sum of the increments.
 
@@ -80,11 +83,33 @@ def tangent_mean(
         centre: Weight of the frame itself.
         radius: Half-width of the window [frames].
         causal: Leave out the later half of the window.
+        rate: Where both weights of a pair are the same, and a number times ``exp(rate d^2)``, none
+            of which wants a gradient: the rate, 0 for a number alone. With it the backward pass
+            takes fewer steps.
 
     Returns:
         Means ``(..., T, J)`` [rad], 0 where the window is empty, and the sums of the weights.
     """
     q = _planes.align_path(q)
+    formula = partial(_tangent_mean, weigh, centre, radius, causal, trust)
+    if rate is None or trust is not None or causal or radius == 0:
+        x, y, z, total = formula(*q)
+    else:
+        x, y, z, total = run(formula, partial(symmetric_back, weigh, rate, radius), *q, keep=True)
+    return (x, y, z), total
+
+
+def _tangent_mean(
+    weigh: Weigh,
+    centre: float | Tensor,
+    radius: int,
+    causal: bool,
+    trust: Tensor | None,
+    *planes: Tensor,
+) -> Planes:
+    """:func:`tangent_mean` of frames of one hemisphere."""
+    x, y, z, w = planes
+    q = (x, y, z, w)
     frames = q[0].shape[-2] - 2 * radius
     increment = _operations.between(
         *(_planes.cut(q, start, frames + 2 * radius - 1) for start in (0, 1))
@@ -105,8 +130,7 @@ def tangent_mean(
             m = m if trust is None else m * trust.narrow(-2, radius + side * lag, frames)
             total = total + m
             weighted = accumulated(weighted, m, _rows_of(travelled, start, frames), side)
-    x, y, z = divided(weighted, total)
-    return (x, y, z), total
+    return *divided(weighted, total), total
 
 
 def _apart(q: Quaternion, increment: Vector, lag: int, first: int, pairs: int) -> Tensor:

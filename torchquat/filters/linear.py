@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from torchquat import timeline
 from torchquat._checks import check_choice, check_count, check_positive
-from torchquat._eager import lowest, numbers
+from torchquat._eager import derivatives, lowest, numbers, visible
 from torchquat._planes import Quaternion, Vector
 from torchquat.filters._bandwidth import (
     Bandwidth,
@@ -230,6 +230,8 @@ def _masked_mean(
     """Tangent mean for a mask ``(2k + 1, J or 1)`` >= 0."""
     radius = len(mask) // 2
     rows = numbers(mask)
+    fixed = visible(mask) and not derivatives(mask)
+    symmetric = fixed and torch.equal(mask, mask.flip(0))
     return tangent_mean(
         window,
         trust,
@@ -237,6 +239,7 @@ def _masked_mean(
         centre=rows[radius],
         radius=radius,
         causal=causal,
+        rate=0.0 if symmetric else None,
     )
 
 
