@@ -44,6 +44,8 @@ def in_windows(
     trust: Tensor | None,
     reach: int,
     shared: Iterable[object] = (),
+    *,
+    multiple: int = 1,
 ) -> Tensor:
     """Make a sequence block by block from a padded one.
 
@@ -56,6 +58,7 @@ def in_windows(
         trust: Weights ``(..., T + 2 reach, J)``; ``None``: 1.
         reach: Frames on either side of a block that it reads.
         shared: What else ``make`` reads; tensors among it get their gradients.
+        multiple: The frames of every block but the last are a multiple of this.
 
     Returns:
         Unit quaternions ``(..., T, J, 4)``.
@@ -65,20 +68,30 @@ def in_windows(
     trust = None if trust is None else trust.reshape(padded.shape[:-1])
     tensors = [x for x in shared if isinstance(x, Tensor)]
     known = [x for x in (padded, trust, *tensors) if x is not None]
-    count = sum(len(times) for _, times in blocks(padded[:, :frames], reach))
+    plan = _Plan(make, reach, multiple)
+    count = sum(len(times) for _, times in blocks(padded[:, :frames], reach, multiple))
     if count > 1 and recorded(*known):
-        result = cast(Tensor, _Recomputed.apply(make, reach, padded, trust, *tensors))
+        result = cast(Tensor, _Recomputed.apply(plan, padded, trust, *tensors))
     else:
-        result = _assemble(make, padded, trust, reach)
+        result = _assemble(plan, padded, trust)
     return result.reshape(*batch, *result.shape[1:])
 
 
-def _assemble(make: Make, padded: Tensor, trust: Tensor | None, reach: int) -> Tensor:
+class _Plan(NamedTuple):
+    """How blocks are made and cut."""
+
+    make: Make
+    reach: int
+    multiple: int
+
+
+def _assemble(plan: _Plan, padded: Tensor, trust: Tensor | None) -> Tensor:
     """Make ``(N, T, J, 4)`` block by block."""
+    make, reach, multiple = plan
     like = padded[:, : padded.shape[1] - 2 * reach]
     made: list[Tensor] = []
     result = None
-    for items, times in blocks(like, reach):
+    for items, times in blocks(like, reach, multiple):
         row: list[Tensor] = []
         for start, frames in times:
             planes = make(_window(padded, trust, reach, items, start, frames))
@@ -112,36 +125,36 @@ class _Recomputed(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, make: Make, reach: int, padded: Tensor, trust: Tensor | None, *shared: Tensor
+        ctx: Any, plan: _Plan, padded: Tensor, trust: Tensor | None, *shared: Tensor
     ) -> Tensor:
-        ctx.make, ctx.reach = make, reach
+        ctx.plan = plan
         ctx.save_for_backward(padded, trust, *shared)
-        return _assemble(make, padded, trust, reach)
+        return _assemble(plan, padded, trust)
 
     @staticmethod
     def backward(ctx: Any, *grad_outputs: Tensor) -> tuple[Tensor | None, ...]:
         (slope,) = grad_outputs
         padded, trust, *shared = ctx.saved_tensors
         if torch.is_grad_enabled():  # a derivative of this one will be asked for
-            result = _assemble(ctx.make, padded, trust, ctx.reach)
+            result = _assemble(ctx.plan, padded, trust)
             found = _gradients([result], [slope], [padded, trust, *shared], create_graph=True)
-            return None, None, *found
-        return None, None, *_block_gradients(ctx.make, ctx.reach, padded, trust, shared, slope)
+            return None, *found
+        return None, *_block_gradients(ctx.plan, padded, trust, shared, slope)
 
 
 def _block_gradients(
-    make: Make,
-    reach: int,
+    plan: _Plan,
     padded: Tensor,
     trust: Tensor | None,
     shared: Sequence[Tensor],
     slope: Tensor,
 ) -> list[Tensor | None]:
     """Gradients of the padded sequence, of its weights and of what all blocks share."""
+    make, reach, multiple = plan
     totals = [torch.zeros_like(plane) for plane in _planes.split(padded.detach())]
     trusted = None if trust is None else torch.zeros_like(trust)
     common: list[Tensor | None] = [None for _ in shared]
-    for items, times in blocks(slope, reach):
+    for items, times in blocks(slope, reach, multiple):
         for start, frames in times:
             window = _window(padded.detach(), trust, reach, items, start, frames)
             x, y, z, w = (c.detach().requires_grad_(padded.requires_grad) for c in window.q)
@@ -180,12 +193,15 @@ def _gradients(
     return [next(found) if x is not None and x.requires_grad else None for x in inputs]
 
 
-def blocks(q: Tensor, reach: int) -> Iterator[tuple[slice, list[tuple[int, int]]]]:
+def blocks(
+    q: Tensor, reach: int, multiple: int = 1
+) -> Iterator[tuple[slice, list[tuple[int, int]]]]:
     """Cut ``(N, T, J, 4)`` into blocks of the batch and of time.
 
     Args:
         q: The signal.
         reach: Frames on either side that a block of time reads besides its own.
+        multiple: The frames of every block but the last are a multiple of this.
 
     Yields:
         Batch items, and the first frame and number of frames of each block of time; one block
@@ -196,7 +212,8 @@ def blocks(q: Tensor, reach: int) -> Iterator[tuple[slice, list[tuple[int, int]]
         yield slice(None), [(0, frames)]
         return
     # reading the frames around a short block costs more than what the cache gains
-    length = min(frames, max(BLOCK // joints, 8 * reach, 1))
+    length = max(BLOCK // joints, 8 * reach, 1)
+    length = min(frames, -(-length // multiple) * multiple)
     together = max(BLOCK // (length * joints), 1)
     times = [(start, min(length, frames - start)) for start in range(0, frames, length)]
     for item in range(0, items, together):

@@ -123,11 +123,11 @@ def between_back(planes: Planes, result: Planes, slope: Planes) -> Planes:
     inner = [factor * s for s in slope]
     ahead = [
         torch.addcmul(turn, rate, d)
-        for turn, d in zip(_by_vector(a, inner), difference, strict=True)
+        for turn, d in zip(_planes.by_vector(a, inner), difference, strict=True)
     ]
     behind = [
         torch.addcmul(turn, rate, d).neg_()
-        for turn, d in zip(_by_vector(b, inner), difference, strict=True)
+        for turn, d in zip(_planes.by_vector(b, inner), difference, strict=True)
     ]
     return *behind, *ahead
 
@@ -159,7 +159,7 @@ def _turned_back(planes: Planes, result: Planes, slope: Planes) -> Planes:
 def _both_ways(*planes: Tensor) -> Planes:
     q, v = planes[:4], planes[4:]
     x, y, z, w = _planes.upper(_planes.exp((v[0], v[1], v[2])))
-    turn = _by_vector(q, [x, y, z])
+    turn = _planes.by_vector(q, [x, y, z])
     along = [w * c for c in q]
     ahead = (a + t for a, t in zip(along, turn, strict=True))
     return *ahead, *(a - t for a, t in zip(along, turn, strict=True))
@@ -262,15 +262,3 @@ def _normalized_back(planes: Planes, result: Planes, slope: Planes) -> Planes:
 
 def _subtracted(b: Planes, a: Planes) -> Planes:
     return tuple(second - first for first, second in zip(a, b, strict=True))
-
-
-def _by_vector(q: Planes, v: list[Tensor]) -> Planes:
-    """``q v``, of a quaternion and one without a scalar part."""
-    x, y, z, w = q
-    a, b, c = v
-    return (
-        _planes.signed((w, a), (y, c), (-1, z, b)),
-        _planes.signed((w, b), (z, a), (-1, x, c)),
-        _planes.signed((w, c), (x, b), (-1, y, a)),
-        _planes.signed((x, a), (y, b), (z, c)).neg_(),
-    )

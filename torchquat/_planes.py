@@ -17,6 +17,9 @@ __all__ = [
     "Quaternion",
     "Vector",
     "align_path",
+    "aligned",
+    "by_vector",
+    "components",
     "compose",
     "cut",
     "dot",
@@ -42,6 +45,12 @@ def split(q: Tensor) -> Quaternion:
     if torch.compiler.is_compiling() or q.stride(-1) == 1:  # they lie side by side
         apart = torch.stack(apart).unbind(0)
     x, y, z, w = apart
+    return x, y, z, w
+
+
+def components(q: Tensor) -> Quaternion:
+    """Components of quaternions ``(4, ...)`` that lie one after the other already."""
+    x, y, z, w = q.unbind(0)
     return x, y, z, w
 
 
@@ -99,6 +108,18 @@ def vector_part(a: Sequence[Tensor], b: Sequence[Tensor]) -> Vector:
     )
 
 
+def by_vector(q: Sequence[Tensor], v: Sequence[Tensor]) -> Quaternion:
+    """``q v``, of a quaternion and one without a scalar part."""
+    x, y, z, w = q
+    a, b, c = v
+    return (
+        signed((w, a), (y, c), (-1, z, b)),
+        signed((w, b), (z, a), (-1, x, c)),
+        signed((w, c), (x, b), (-1, y, a)),
+        signed((x, a), (y, b), (z, c)).neg_(),
+    )
+
+
 def relative(a: Quaternion, b: Quaternion) -> Quaternion:
     """``a^-1 b``, precise for near rotations, which must lie in one hemisphere for that.
 
@@ -149,6 +170,12 @@ def align_path(q: Quaternion) -> Quaternion:
     sign = torch.cat([torch.ones_like(q[0].narrow(-2, 0, 1)), sign], -2)
     x, y, z, w = (sign * plane for plane in q)
     return x, y, z, w
+
+
+def aligned(q: Tensor, reference: Tensor) -> Tensor:
+    """Choose between ``q`` and ``-q`` the one in the hemisphere of ``reference``, ``(4, ...)``."""
+    cosine = dot(q.detach().unbind(0), reference.detach().unbind(0))
+    return q if lowest(cosine) >= 0 else sign_of(cosine) * q
 
 
 def signed(*products: tuple[Tensor, Tensor] | tuple[int, Tensor, Tensor]) -> Tensor:
