@@ -97,15 +97,16 @@ def finest_noise(q: Tensor, present: Tensor | None = None) -> Tensor:
     Returns:
         Standard deviations ``(..., 1, J, 1)`` [rad]; 0 where there is nothing to judge by.
     """
-    count = max(q.shape[-3] - 1, 0) // 2
     even, odd = (x.movedim(-1, 0) for x in timeline.halves(q))
-    first, second, odd = even[..., :count, :], even[..., 1 : count + 1, :], odd[..., :count, :]
+    second = even[..., 1:, :]  # the last odd frame may have nothing after it
+    count = second.shape[-2]
+    first, odd = (timeline.first_frames(x, count, -2) for x in (even, odd))
     total = first + _planes.aligned(second, first)
     middle = total * _planes.dot(total.unbind(0), total.unbind(0)).rsqrt()
     difference = _planes.aligned(odd, middle) - middle
     square = _planes.dot(difference.unbind(0), difference.unbind(0))[..., None]
     valid = detail_validity(present)[0]
-    valid = None if valid is None else valid[..., :count, :]
+    valid = None if valid is None else timeline.first_frames(valid, count, -2)
     return masked_median(square, valid, _angle) / (_MEDIAN_NORM * _LINEAR_GAIN)
 
 
