@@ -20,14 +20,14 @@ class Window(NamedTuple):
     """What a block reads: its own frames and ``reach`` more on either side.
 
     Attributes:
-        q: Components of unit quaternions ``(..., frames + 2 reach, J)``.
+        q: Components of unit quaternions ``(4, ..., frames + 2 reach, J)``.
         trust: Weights of these frames; ``None``: 1.
         items: Batch items of the block.
         start: Its first frame.
         frames: How many it has.
     """
 
-    q: Quaternion
+    q: Tensor
     trust: Tensor | None
     items: slice
     start: int
@@ -116,7 +116,7 @@ def _window(
     padded: Tensor, trust: Tensor | None, reach: int, items: slice, start: int, frames: int
 ) -> Window:
     span = slice(start, start + frames + 2 * reach)
-    q = _planes.split(padded[items, span])
+    q = _planes.stacked(padded[items, span])
     return Window(q, None if trust is None else trust[items, span], items, start, frames)
 
 
@@ -151,29 +151,30 @@ def _block_gradients(
 ) -> list[Tensor | None]:
     """Gradients of the padded sequence, of its weights and of what all blocks share."""
     make, reach, multiple = plan
-    totals = [torch.zeros_like(plane) for plane in _planes.split(padded.detach())]
+    signal = torch.zeros_like(_planes.stacked(padded.detach()))
     trusted = None if trust is None else torch.zeros_like(trust)
     common: list[Tensor | None] = [None for _ in shared]
     for items, times in blocks(slope, reach, multiple):
         for start, frames in times:
             window = _window(padded.detach(), trust, reach, items, start, frames)
-            x, y, z, w = (c.detach().requires_grad_(padded.requires_grad) for c in window.q)
+            q = window.q.detach().requires_grad_(padded.requires_grad)
             known = None
             if trust is not None and window.trust is not None:
                 known = window.trust.detach().requires_grad_(trust.requires_grad)
             with torch.enable_grad():
-                planes = make(window._replace(q=(x, y, z, w), trust=known))
+                planes = make(window._replace(q=q, trust=known))
             slopes = _planes.split(slope[items, start : start + frames])
-            own = _gradients(planes, slopes, [x, y, z, w, known, *shared])
+            by_q, by_trust, *own = _gradients(planes, slopes, [q, known, *shared])
             span = slice(start, start + frames + 2 * reach)
-            for total, part in zip([*totals, trusted], own, strict=False):
-                if total is not None and part is not None:
-                    total[items, span] += part
+            if by_q is not None:
+                signal[:, items, span] += by_q
+            if by_trust is not None and trusted is not None:
+                trusted[items, span] += by_trust
             common = [
                 old if new is None else new if old is None else old + new
-                for old, new in zip(common, own[5:], strict=True)
+                for old, new in zip(common, own, strict=True)
             ]
-    return [_planes.join(totals), trusted, *common]
+    return [signal.movedim(0, -1), trusted, *common]
 
 
 def _gradients(

@@ -31,6 +31,7 @@ __all__ = [
     "sign_of",
     "signed",
     "split",
+    "stacked",
     "upper",
     "vector_part",
 ]
@@ -41,11 +42,14 @@ Vector = tuple[Tensor, Tensor, Tensor]
 
 def split(q: Tensor) -> Quaternion:
     """Components of quaternions ``(..., 4)``, one after the other in memory."""
-    apart = q.unbind(-1)
+    return components(stacked(q))
+
+
+def stacked(q: Tensor) -> Tensor:
+    """:func:`split`, in one tensor ``(4, ...)``."""
     if torch.compiler.is_compiling() or q.stride(-1) == 1:  # they lie side by side
-        apart = torch.stack(apart).unbind(0)
-    x, y, z, w = apart
-    return x, y, z, w
+        return torch.stack(q.unbind(-1))
+    return q.movedim(-1, 0)
 
 
 def components(q: Tensor) -> Quaternion:
@@ -160,16 +164,18 @@ def sign_of(x: Tensor) -> Tensor:
     return 1.0 - 2.0 * (x.detach() < 0).to(x.dtype)
 
 
-def align_path(q: Quaternion) -> Quaternion:
-    """Choose the signs along time so that every frame lies in the hemisphere of the one before."""
-    frames = q[0].shape[-2] - 1
-    step = dot(cut(q, 0, frames), cut(q, 1, frames)).detach()
+def align_path(q: Tensor) -> Tensor:
+    """Choose the signs along time so that every frame lies in the hemisphere of the one before.
+
+    Components ``(4, ..., N, J)``.
+    """
+    frames = q.shape[-2] - 1
+    here, there = (q.detach().narrow(-2, start, frames).unbind(0) for start in (0, 1))
+    step = dot(here, there)
     if lowest(step) >= 0:
         return q
     sign = sign_of(step).cumprod(-2)
-    sign = torch.cat([torch.ones_like(q[0].narrow(-2, 0, 1)), sign], -2)
-    x, y, z, w = (sign * plane for plane in q)
-    return x, y, z, w
+    return torch.cat([torch.ones_like(q[0].narrow(-2, 0, 1)), sign], -2) * q
 
 
 def aligned(q: Tensor, reference: Tensor) -> Tensor:

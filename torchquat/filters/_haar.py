@@ -43,10 +43,9 @@ def haar_denoised(q: Tensor, thresholds: Sequence[Tensor], shrinkage: Shrinkage)
 
     def made(window: Window) -> Quaternion:
         own = [t[window.items] for t in flat]
-        before = torch.stack(window.q)
-        step = _recorded if derivatives(before, *own) else _plain
-        shrunk = _shrunk(_ordered(before, len(flat)), window.frames, own, shrinkage, step)
-        return _planes.components(_planes.aligned(_in_time(shrunk, window.frames), before))
+        step = _recorded if derivatives(window.q, *own) else _plain
+        shrunk = _shrunk(_ordered(window.q, len(flat)), window.frames, own, shrinkage, step)
+        return _planes.components(_planes.aligned(_in_time(shrunk, window.frames), window.q))
 
     return in_windows(made, q, None, 0, shared=flat, multiple=2 ** len(flat))
 

@@ -33,17 +33,18 @@ def symmetric_back(
         weigh: Weights, as in :mod:`torchquat.filters._lee_shin`; both of a pair are the same.
         rate: They are a number times ``exp(rate d^2)``; 0 for a number alone.
         radius: Half-width of the window [frames].
-        planes: Components of the frames ``(..., T + 2 radius, J)``, each in the hemisphere of the
-            one before.
+        planes: Components of the frames ``(4, ..., T + 2 radius, J)``, each in the hemisphere of
+            the one before.
         result: The means ``(..., T, J)`` and the sums of the weights.
         slope: The gradients of these.
 
     Returns:
-        Gradients ``(..., T + 2 radius, J)``.
+        Gradients ``(4, ..., T + 2 radius, J)``.
     """
     *mean, total = result
     *by_mean, by_total = slope
-    frames = total.shape[-2]
+    planes = planes[0].unbind(0)
+    frames = mean[0].shape[-2]
     inverse = torch.where(total > 0, total, torch.inf).reciprocal()
     shares = [inverse * g for g in by_mean]
     margin = (0, 0, radius, radius)
@@ -52,7 +53,8 @@ def symmetric_back(
 
     ends = _rows(planes, 0, -1), _rows(planes, 1, -1)
     increment = _operations.between(*ends)
-    by_frames = tuple(torch.zeros_like(plane) for plane in planes)
+    whole = planes[0].new_zeros((4, *planes[0].shape))
+    by_frames = whole.unbind(0)
     by_increment = tuple(torch.zeros_like(step) for step in increment)
     # gradient of the paths that start at a frame and are at least so long
     by_path = tuple(step.new_zeros(_rows_shape(step, frames + radius)) for step in increment)
@@ -78,7 +80,7 @@ def symmetric_back(
     for component, total_ in enumerate(by_frames):
         total_.narrow(-2, 0, total_.shape[-2] - 1).add_(pulled[component])
         total_.narrow(-2, 1, total_.shape[-2] - 1).add_(pulled[4 + component])
-    return by_frames
+    return (whole,)
 
 
 class _Pair:

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from torchquat import timeline
 from torchquat._checks import check_choice, check_count, check_positive
 from torchquat._eager import derivatives, lowest, numbers, visible
-from torchquat._planes import Quaternion, Vector
+from torchquat._planes import Vector
 from torchquat.filters._bandwidth import (
     Bandwidth,
     default_radius,
@@ -111,7 +111,7 @@ def gaussian_filter(
     mask = torch.cat([half.flip(0), half[1:]])
     boundary = timeline.past_boundary(boundary, causal)
 
-    def step(window: Quaternion, trust: Tensor | None) -> Vector:
+    def step(window: Tensor, trust: Tensor | None) -> Vector:
         return _masked_mean(window, trust, mask, causal=causal)[0]
 
     result = move(unit, confidence, step, radius=radius, boundary=boundary, shared=(mask,))
@@ -207,7 +207,7 @@ def _convolve(
     """Filter with a mask ``(2k + 1, J or 1)`` that may have negative entries."""
     rising, falling = mask.clamp(min=0), mask.clamp(max=0)
 
-    def step(window: Quaternion, trust: Tensor | None) -> Vector:
+    def step(window: Tensor, trust: Tensor | None) -> Vector:
         up, up_total = _masked_mean(window, trust, rising, causal=causal)
         if lowest(mask) >= 0:
             return up
@@ -225,7 +225,7 @@ def _convolve(
 
 
 def _masked_mean(
-    window: Quaternion, trust: Tensor | None, mask: Tensor, *, causal: bool
+    window: Tensor, trust: Tensor | None, mask: Tensor, *, causal: bool
 ) -> tuple[Vector, Tensor]:
     """Tangent mean for a mask ``(2k + 1, J or 1)`` >= 0."""
     radius = len(mask) // 2
@@ -239,6 +239,7 @@ def _masked_mean(
         centre=rows[radius],
         radius=radius,
         causal=causal,
+        fixed=fixed,
         rate=0.0 if symmetric else None,
     )
 
