@@ -71,6 +71,38 @@ def pseudo_code(q: Array, radius: int = 3, sigma_g: float = 0.3) -> Array:
     return result
 
 
+def numpy_loops(q: Array, radius: int = 3, sigma_g: float = 0.3) -> Array:
+    """The same as it is written down in NumPy, a small array for every quaternion."""
+    result = np.empty_like(q)
+    last = len(q) - 1
+    for i, joint in np.ndindex(*q.shape[:2]):
+        here = q[i, joint]
+        total, step = 0.0, np.zeros(3)
+        for lag in range(-radius, radius + 1):
+            other = q[min(max(i + lag, 0), last), joint]
+            v = _numpy_log(here, other)
+            m = np.exp(-0.5 * lag**2) * np.exp(-0.5 * (v @ v) / sigma_g**2)
+            total, step = total + m, step + m * v
+        angle = np.linalg.norm(step / total)
+        axis = step / np.linalg.norm(step) if np.linalg.norm(step) > 0 else step
+        result[i, joint] = _numpy_product(
+            here, np.append(np.sin(angle / 2) * axis, np.cos(angle / 2))
+        )
+    return result
+
+
+def _numpy_log(a: Array, b: Array) -> Array:
+    relative = _numpy_product(a * [-1, -1, -1, 1], b)
+    relative = relative if relative[3] >= 0 else -relative
+    sine = np.linalg.norm(relative[:3])
+    return 2 * np.arctan2(sine, relative[3]) * relative[:3] / sine if sine > 0 else np.zeros(3)
+
+
+def _numpy_product(a: Array, b: Array) -> Array:
+    vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
+    return np.append(vector, a[3] * b[3] - a[:3] @ b[:3])
+
+
 def smooth_net(joints: int) -> Callable[[Tensor], Tensor]:
     """A network of the shape of SmoothNet: every channel by itself, windows of 32 frames.
 
@@ -142,4 +174,5 @@ COMPETITORS: dict[str, Callable[[Array], Array]] = {
 SLOW: dict[str, Callable[[Array], Array]] = {
     "Rotation.mean of every window": windowed_mean,
     "Courty's pseudo-code in loops": pseudo_code,
+    "Courty's pseudo-code in NumPy loops": numpy_loops,
 }

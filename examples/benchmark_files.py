@@ -9,8 +9,7 @@ to start, medians of fresh processes.
 import platform
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,6 +19,7 @@ import numpy as np
 import pybvh
 import torch
 from _command import run
+from _timing import Job, in_turn
 from benchmark_memory import smooth_noisy
 
 from torchquat import BilateralFilter, Skeleton, io
@@ -40,18 +40,7 @@ def generated(frames: int, joints: int) -> Motion:
     return Motion(q=q, frame_rate=120.0, names=skeleton.names, skeleton=skeleton)
 
 
-def in_turn(jobs: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Median seconds of each job, all of them once in every round, and once before."""
-    times: dict[str, list[float]] = {name: [] for name in jobs}
-    for _ in range(rounds + 1):
-        for name, job in jobs.items():
-            start = time.perf_counter()
-            job()
-            times[name].append(time.perf_counter() - start)
-    return {name: float(np.median(each[1:])) for name, each in times.items()}
-
-
-def file_jobs(source: Path, folder: Path) -> dict[str, Callable[[], object]]:
+def file_jobs(source: Path, folder: Path) -> dict[str, Job]:
     """Reading and writing with pybvh, and what we do, whole and in parts."""
     module = BilateralFilter()
     motion = io.load(source)
@@ -75,10 +64,10 @@ def file_jobs(source: Path, folder: Path) -> dict[str, Callable[[], object]]:
     }
 
 
-def start_jobs() -> dict[str, Callable[[], object]]:
+def start_jobs() -> dict[str, Job]:
     """Fresh processes."""
 
-    def python(*arguments: str) -> Callable[[], object]:
+    def python(*arguments: str) -> Job:
         command = [sys.executable, *arguments]
         return lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
@@ -89,7 +78,8 @@ def start_jobs() -> dict[str, Callable[[], object]]:
     }
 
 
-def _print(seconds: dict[str, float]) -> None:
+def _print(times: dict[str, list[float]]) -> None:
+    seconds = {name: float(np.median(each)) for name, each in times.items()}
     unit = next(iter(seconds.values()))
     for name, each in seconds.items():
         print(f"  {name:<28} {1e3 * each:8.1f} ms {each / unit:6.2f}")
@@ -105,9 +95,9 @@ def _benchmark(arguments: jsonargparse.Namespace) -> int:
     with TemporaryDirectory() as name:
         source = Path(name) / "generated.bvh"
         io.save(generated(arguments.frames, arguments.joints), source)
-        _print(in_turn(file_jobs(source, Path(name)), arguments.rounds))
+        _print(in_turn(file_jobs(source, Path(name)), arguments.rounds, 0.0))
     print("Start of a process")
-    _print(in_turn(start_jobs(), arguments.rounds))
+    _print(in_turn(start_jobs(), arguments.rounds, 0.0))
     return 0
 
 

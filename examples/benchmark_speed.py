@@ -1,16 +1,17 @@
 """How fast the filters are beside what people use today: one table, ratios within one run.
 
-python examples/benchmark_speed.py [--frames 2000 20000] [--joints 24 55] [--threads 1 2] [--slow]
+python examples/benchmark_speed.py [--frames 200 20000] [--joints 24 55] [--threads 1 2] [--slow]
 
-Every figure is the median of several runs in this process on the same motion, in nanoseconds per
-quaternion, and as a multiple of ``scipy.ndimage.gaussian_filter1d`` on the components. ``--slow``
-adds what takes minutes: a loop over windows with scipy's mean of rotations, the pseudo-code of
-Courty's paper in loops, and sequences of 200,000 frames. ``--output`` draws time against length.
+Every figure is the median of several rounds in this process on the same motion: nanoseconds per
+quaternion, and the ratio to ``scipy.ndimage.gaussian_filter1d`` on the components in the same
+round. ``--slow`` adds what takes minutes: a loop over windows with scipy's mean of rotations, and
+the pseudo-code of Courty's paper in loops. ``--batch`` sequences of the given length are filtered
+at once. ``--output`` draws time against length; for memory see ``benchmark_memory.py``.
 """
 
+import itertools
 import platform
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -22,9 +23,9 @@ import torch
 from _command import run
 from _competitors import COMPETITORS, SLOW, smooth_net
 from _figures import plt, save
+from _timing import Job, in_turn
 from benchmark_memory import smooth_noisy
 from torch import Tensor, nn
-from tqdm import tqdm
 
 from torchquat import BilateralFilter, GaussianFilter, LiftingDenoiser, NonLocalPoseMeans
 
@@ -36,11 +37,11 @@ FILTERS: dict[str, Callable[[], nn.Module]] = {
     "lifting, haar, 4 levels": lambda: LiftingDenoiser("haar"),
     "lifting, linear, 4 levels": lambda: LiftingDenoiser("linear"),
 }
-Job = Callable[[], object]
 
 
-def jobs(q: Tensor, slow: bool) -> dict[str, Job]:
-    """Everything that is timed on one motion ``(T, J, 4)``, float32."""
+def jobs(q: Tensor, batch: int, slow: bool) -> dict[str, Job]:
+    """Everything that is timed on ``batch`` motions side by side ``(T, batch J, 4)``, float32."""
+    motions = q.unflatten(1, (batch, -1)).movedim(1, 0).contiguous()
     components = q.double().numpy()
     network = smooth_net(q.shape[1])
     found: dict[str, Job] = {"copy of the tensor": q.clone}
@@ -50,8 +51,8 @@ def jobs(q: Tensor, slow: bool) -> dict[str, Job]:
     found["SmoothNet-shaped network"] = _bound(network, q)
     for name, make in FILTERS.items():
         module = make()
-        found[name] = _bound(module, q)
-        found[f"{name}, and backward"] = _and_backward(module, q)
+        found[name] = _bound(module, motions)
+        found[f"{name}, and backward"] = _and_backward(module, motions)
     return found
 
 
@@ -74,35 +75,26 @@ def _and_backward(module: nn.Module, q: Tensor) -> Job:
     return job
 
 
-def seconds(job: Job, least: float = 0.3, most: int = 9) -> float:
-    """Median time of a job, once run before; fewer runs where it takes long."""
-    start = time.perf_counter()
-    job()
-    once = time.perf_counter() - start
-    times = [once] if once > 5.0 else []
-    while not times or (len(times) < most and sum(times) < max(least, 3.0 * once)):
-        start = time.perf_counter()
-        job()
-        times.append(time.perf_counter() - start)
-    return float(np.median(times))
-
-
-def table(q: Tensor, slow: bool = False) -> dict[str, float]:
-    """Nanoseconds per quaternion of every job on one motion."""
+def table(q: Tensor, batch: int = 1, slow: bool = False) -> dict[str, tuple[float, float]]:
+    """Nanoseconds per quaternion of every job on one motion, and its median ratio to the unit."""
     samples = q[..., 0].numel()
-    timed = {}
-    bar = tqdm(jobs(q, slow).items(), unit="job", leave=False, disable=None)
-    for name, job in bar:
-        timed[name] = 1e9 * seconds(job) / samples
-    return timed
+    times = in_turn(jobs(q, batch, slow))
+    unit = times[UNIT]
+    return {
+        name: (
+            1e9 * float(np.median(each)) / samples,
+            float(np.median([one / other for one, other in zip(each, unit, strict=False)])),
+        )
+        for name, each in times.items()
+    }
 
 
-def draw(results: dict[int, dict[str, float]], path: Path) -> None:
+def draw(results: dict[int, dict[str, tuple[float, float]]], path: Path) -> None:
     """Time per quaternion against the length of the sequence."""
     figure, ax = plt.subplots(figsize=(9, 5))
     lengths = sorted(results)
     for name in (UNIT, "copy of the tensor", *FILTERS):
-        values = [results[frames][name] for frames in lengths]
+        values = [results[frames][name][0] for frames in lengths]
         ours = name in FILTERS
         ax.plot(lengths, values, marker=".", label=name, linestyle="-" if ours else "--")
     ax.set(xlabel="frames", ylabel="ns per quaternion", xscale="log", yscale="log")
@@ -110,9 +102,8 @@ def draw(results: dict[int, dict[str, float]], path: Path) -> None:
     save(figure, path)
 
 
-def _lines(timed: dict[str, float]) -> list[str]:
-    unit = timed[UNIT]
-    return [f"  {name:<42} {value:12.1f} {value / unit:12.2f}" for name, value in timed.items()]
+def _lines(timed: dict[str, tuple[float, float]]) -> list[str]:
+    return [f"  {name:<42} {value:12.1f} {ratio:12.2f}" for name, (value, ratio) in timed.items()]
 
 
 def _benchmark(arguments: jsonargparse.Namespace) -> int:
@@ -121,16 +112,18 @@ def _benchmark(arguments: jsonargparse.Namespace) -> int:
     print(f"roma {roma.__version__}")
     for threads in arguments.threads:
         torch.set_num_threads(threads)
-        for joints in arguments.joints:
+        for joints, batch in itertools.product(arguments.joints, arguments.batch):
             results = {}
+            setting = f"{joints} joints, batch {batch}, {threads} threads"
             for frames in arguments.frames:
-                results[frames] = table(smooth_noisy(frames, joints, torch.float32), arguments.slow)
-                print(
-                    f"{frames} frames, {joints} joints, {threads} threads: ns a quaternion, ratio"
-                )
+                # one body of many joints is a batch to what knows no batches
+                q = smooth_noisy(frames, joints * batch, torch.float32)
+                results[frames] = table(q, batch, arguments.slow)
+                print(f"{frames} frames, {setting}: ns a quaternion, ratio")
                 print(*_lines(results[frames]), sep="\n", flush=True)
             if arguments.output is not None:
-                draw(results, arguments.output / f"speed_{joints}_joints_{threads}_threads.png")
+                name = setting.replace(", ", "_").replace(" ", "_")
+                draw(results, arguments.output / f"speed_{name}.png")
     return 0
 
 
@@ -148,6 +141,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--frames", type=int, nargs="+", default=[2000, 20000])
     parser.add_argument("--joints", type=int, nargs="+", default=[24])
     parser.add_argument("--threads", type=int, nargs="+", default=[1])
+    parser.add_argument("--batch", type=int, nargs="+", default=[1])
     parser.add_argument("--slow", action="store_true", help="also what takes minutes")
     parser.add_argument("--output", type=Path, help="a folder for the plots")
     return run(parser, argv, _benchmark)

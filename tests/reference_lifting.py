@@ -94,7 +94,9 @@ def valid_details(present):
 
 def noise_of(q, present):
     _, (details,) = transform(q, "linear", 1)
-    lengths = [norm(d) for d, ok in zip(details, valid_details(present), strict=True) if ok]
+    between_two = (len(q) - 1) // 2  # the last odd frame may have nothing after it
+    judged = list(zip(details, valid_details(present), strict=True))[:between_two]
+    lengths = [norm(d) for d, ok in judged if ok]
     # median of the chi distribution of three degrees of freedom; noise of o - (e + e) / 2
     return statistics.median(lengths) / 1.5381722544 / math.sqrt(1.5) if lengths else 0.0
 

@@ -144,12 +144,16 @@ def test_memory_of_backward_does_not_grow_with_the_window(rng, monkeypatch):
     q = torch.randn(4000, 4, 4, generator=rng, requires_grad=True)
 
     def kept(radius):
-        sizes = []
-        with torch.autograd.graph.saved_tensors_hooks(
-            lambda x: sizes.append(x.numel()) or x, lambda x: x
-        ):
-            bilateral_filter(q, sigma_t=3.0, sigma_g=0.5, radius=radius)
-        return sum(sizes)
+        sizes = {}
+
+        def note(x):
+            sizes[x.untyped_storage().data_ptr()] = x.untyped_storage().nbytes() // x.itemsize
+            return x
+
+        with torch.autograd.graph.saved_tensors_hooks(note, lambda x: x):
+            result = bilateral_filter(q, sigma_t=3.0, sigma_g=0.5, radius=radius)
+        assert result.requires_grad
+        return sum(sizes.values())
 
     assert kept(12) < 1.1 * kept(2)
     assert kept(12) < 4 * q.numel()

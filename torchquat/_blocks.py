@@ -12,22 +12,22 @@ from torchquat._planes import Quaternion
 
 __all__ = ["Window", "blocks", "in_windows"]
 
-BLOCK = 2**16
-"""Elements of one component in a block: a few dozen such planes fit a second-level cache."""
+BLOCK = 2**17
+"""Elements of one component in a block: a few dozen such planes fit a third-level cache."""
 
 
 class Window(NamedTuple):
     """What a block reads: its own frames and ``reach`` more on either side.
 
     Attributes:
-        q: Components of unit quaternions ``(..., frames + 2 reach, J)``.
+        q: Components of unit quaternions ``(4, ..., frames + 2 reach, J)``.
         trust: Weights of these frames; ``None``: 1.
         items: Batch items of the block.
         start: Its first frame.
         frames: How many it has.
     """
 
-    q: Quaternion
+    q: Tensor
     trust: Tensor | None
     items: slice
     start: int
@@ -44,6 +44,8 @@ def in_windows(
     trust: Tensor | None,
     reach: int,
     shared: Iterable[object] = (),
+    *,
+    multiple: int = 1,
 ) -> Tensor:
     """Make a sequence block by block from a padded one.
 
@@ -56,6 +58,7 @@ def in_windows(
         trust: Weights ``(..., T + 2 reach, J)``; ``None``: 1.
         reach: Frames on either side of a block that it reads.
         shared: What else ``make`` reads; tensors among it get their gradients.
+        multiple: The frames of every block but the last are a multiple of this.
 
     Returns:
         Unit quaternions ``(..., T, J, 4)``.
@@ -65,20 +68,30 @@ def in_windows(
     trust = None if trust is None else trust.reshape(padded.shape[:-1])
     tensors = [x for x in shared if isinstance(x, Tensor)]
     known = [x for x in (padded, trust, *tensors) if x is not None]
-    count = sum(len(times) for _, times in blocks(padded[:, :frames], reach))
+    plan = _Plan(make, reach, multiple)
+    count = sum(len(times) for _, times in blocks(padded[:, :frames], reach, multiple))
     if count > 1 and recorded(*known):
-        result = cast(Tensor, _Recomputed.apply(make, reach, padded, trust, *tensors))
+        result = cast(Tensor, _Recomputed.apply(plan, padded, trust, *tensors))
     else:
-        result = _assemble(make, padded, trust, reach)
+        result = _assemble(plan, padded, trust)
     return result.reshape(*batch, *result.shape[1:])
 
 
-def _assemble(make: Make, padded: Tensor, trust: Tensor | None, reach: int) -> Tensor:
+class _Plan(NamedTuple):
+    """How blocks are made and cut."""
+
+    make: Make
+    reach: int
+    multiple: int
+
+
+def _assemble(plan: _Plan, padded: Tensor, trust: Tensor | None) -> Tensor:
     """Make ``(N, T, J, 4)`` block by block."""
+    make, reach, multiple = plan
     like = padded[:, : padded.shape[1] - 2 * reach]
     made: list[Tensor] = []
     result = None
-    for items, times in blocks(like, reach):
+    for items, times in blocks(like, reach, multiple):
         row: list[Tensor] = []
         for start, frames in times:
             planes = make(_window(padded, trust, reach, items, start, frames))
@@ -103,7 +116,7 @@ def _window(
     padded: Tensor, trust: Tensor | None, reach: int, items: slice, start: int, frames: int
 ) -> Window:
     span = slice(start, start + frames + 2 * reach)
-    q = _planes.split(padded[items, span])
+    q = _planes.stacked(padded[items, span])
     return Window(q, None if trust is None else trust[items, span], items, start, frames)
 
 
@@ -112,55 +125,56 @@ class _Recomputed(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, make: Make, reach: int, padded: Tensor, trust: Tensor | None, *shared: Tensor
+        ctx: Any, plan: _Plan, padded: Tensor, trust: Tensor | None, *shared: Tensor
     ) -> Tensor:
-        ctx.make, ctx.reach = make, reach
+        ctx.plan = plan
         ctx.save_for_backward(padded, trust, *shared)
-        return _assemble(make, padded, trust, reach)
+        return _assemble(plan, padded, trust)
 
     @staticmethod
     def backward(ctx: Any, *grad_outputs: Tensor) -> tuple[Tensor | None, ...]:
         (slope,) = grad_outputs
         padded, trust, *shared = ctx.saved_tensors
         if torch.is_grad_enabled():  # a derivative of this one will be asked for
-            result = _assemble(ctx.make, padded, trust, ctx.reach)
+            result = _assemble(ctx.plan, padded, trust)
             found = _gradients([result], [slope], [padded, trust, *shared], create_graph=True)
-            return None, None, *found
-        return None, None, *_block_gradients(ctx.make, ctx.reach, padded, trust, shared, slope)
+            return None, *found
+        return None, *_block_gradients(ctx.plan, padded, trust, shared, slope)
 
 
 def _block_gradients(
-    make: Make,
-    reach: int,
+    plan: _Plan,
     padded: Tensor,
     trust: Tensor | None,
     shared: Sequence[Tensor],
     slope: Tensor,
 ) -> list[Tensor | None]:
     """Gradients of the padded sequence, of its weights and of what all blocks share."""
-    totals = [torch.zeros_like(plane) for plane in _planes.split(padded.detach())]
+    make, reach, multiple = plan
+    signal = torch.zeros_like(_planes.stacked(padded.detach()))
     trusted = None if trust is None else torch.zeros_like(trust)
     common: list[Tensor | None] = [None for _ in shared]
-    for items, times in blocks(slope, reach):
+    for items, times in blocks(slope, reach, multiple):
         for start, frames in times:
             window = _window(padded.detach(), trust, reach, items, start, frames)
-            x, y, z, w = (c.detach().requires_grad_(padded.requires_grad) for c in window.q)
+            q = window.q.detach().requires_grad_(padded.requires_grad)
             known = None
             if trust is not None and window.trust is not None:
                 known = window.trust.detach().requires_grad_(trust.requires_grad)
             with torch.enable_grad():
-                planes = make(window._replace(q=(x, y, z, w), trust=known))
+                planes = make(window._replace(q=q, trust=known))
             slopes = _planes.split(slope[items, start : start + frames])
-            own = _gradients(planes, slopes, [x, y, z, w, known, *shared])
+            by_q, by_trust, *own = _gradients(planes, slopes, [q, known, *shared])
             span = slice(start, start + frames + 2 * reach)
-            for total, part in zip([*totals, trusted], own, strict=False):
-                if total is not None and part is not None:
-                    total[items, span] += part
+            if by_q is not None:
+                signal[:, items, span] += by_q
+            if by_trust is not None and trusted is not None:
+                trusted[items, span] += by_trust
             common = [
                 old if new is None else new if old is None else old + new
-                for old, new in zip(common, own[5:], strict=True)
+                for old, new in zip(common, own, strict=True)
             ]
-    return [_planes.join(totals), trusted, *common]
+    return [signal.movedim(0, -1), trusted, *common]
 
 
 def _gradients(
@@ -180,12 +194,15 @@ def _gradients(
     return [next(found) if x is not None and x.requires_grad else None for x in inputs]
 
 
-def blocks(q: Tensor, reach: int) -> Iterator[tuple[slice, list[tuple[int, int]]]]:
+def blocks(
+    q: Tensor, reach: int, multiple: int = 1
+) -> Iterator[tuple[slice, list[tuple[int, int]]]]:
     """Cut ``(N, T, J, 4)`` into blocks of the batch and of time.
 
     Args:
         q: The signal.
         reach: Frames on either side that a block of time reads besides its own.
+        multiple: The frames of every block but the last are a multiple of this.
 
     Yields:
         Batch items, and the first frame and number of frames of each block of time; one block
@@ -196,7 +213,8 @@ def blocks(q: Tensor, reach: int) -> Iterator[tuple[slice, list[tuple[int, int]]
         yield slice(None), [(0, frames)]
         return
     # reading the frames around a short block costs more than what the cache gains
-    length = min(frames, max(BLOCK // joints, 8 * reach, 1))
+    length = max(BLOCK // joints, 8 * reach, 1)
+    length = min(frames, -(-length // multiple) * multiple)
     together = max(BLOCK // (length * joints), 1)
     times = [(start, min(length, frames - start)) for start in range(0, frames, length)]
     for item in range(0, items, together):

@@ -27,6 +27,8 @@ __all__ = [
     "accumulated",
     "apart",
     "between",
+    "between_back",
+    "nearest",
     "normalized",
     "split",
     "squared_angle",
@@ -47,7 +49,7 @@ def between(a: Quaternion, b: Quaternion) -> Vector:
     The difference of neighbours is exact, so small angles keep their relative precision, where
     ``a^-1 b`` itself would lose 1e-3 of 1e-4 rad in float32.
     """
-    x, y, z = run(_between, _between_back, *torch.broadcast_tensors(*a, *b))
+    x, y, z = run(_between, between_back, *torch.broadcast_tensors(*a, *b))
     return x, y, z
 
 
@@ -82,7 +84,7 @@ def apart(a: Quaternion, b: Quaternion) -> tuple[Tensor, Tensor]:
         The squared rotation angle [rad^2], and by what the vector part of ``a^-1 b`` must be
         multiplied to give the rotation vector from ``a`` to ``b``.
     """
-    square, factor = run(_apart, _apart_back, *torch.broadcast_tensors(*a, *b))
+    square, factor = run(_apart, _apart_back, *torch.broadcast_tensors(*a, *b), keep=True)
     return square, factor
 
 
@@ -100,7 +102,7 @@ def accumulated(total: Planes, m: float | Tensor, v: Planes, sign: int = 1) -> P
     )
 
 
-def _split_back(planes: Planes, slope: Planes) -> Planes:
+def _split_back(planes: Planes, result: Planes, slope: Planes) -> Planes:
     return (_planes.join(slope),)
 
 
@@ -111,7 +113,7 @@ def _between(*planes: Tensor) -> Planes:
     return tuple(factor * component for component in _planes.vector_part(a, difference))
 
 
-def _between_back(planes: Planes, slope: Planes) -> Planes:
+def between_back(planes: Planes, result: Planes, slope: Planes) -> Planes:
     a, b = planes[:4], planes[4:]
     difference = _subtracted(b, a)
     x = 0.25 * _planes.dot(difference, difference)
@@ -121,11 +123,11 @@ def _between_back(planes: Planes, slope: Planes) -> Planes:
     inner = [factor * s for s in slope]
     ahead = [
         torch.addcmul(turn, rate, d)
-        for turn, d in zip(_by_vector(a, inner), difference, strict=True)
+        for turn, d in zip(_planes.by_vector(a, inner), difference, strict=True)
     ]
     behind = [
         torch.addcmul(turn, rate, d).neg_()
-        for turn, d in zip(_by_vector(b, inner), difference, strict=True)
+        for turn, d in zip(_planes.by_vector(b, inner), difference, strict=True)
     ]
     return *behind, *ahead
 
@@ -136,7 +138,7 @@ def _turned(*planes: Tensor) -> Planes:
     return _planes.compose((qx, qy, qz, qw), (x, y, z, w))
 
 
-def _turned_back(planes: Planes, slope: Planes) -> Planes:
+def _turned_back(planes: Planes, result: Planes, slope: Planes) -> Planes:
     (qx, qy, qz, qw), v = planes[:4], planes[4:]
     gx, gy, gz, gw = slope
     square = 0.25 * _planes.dot(v, v) + invisible(qx)
@@ -157,49 +159,48 @@ def _turned_back(planes: Planes, slope: Planes) -> Planes:
 def _both_ways(*planes: Tensor) -> Planes:
     q, v = planes[:4], planes[4:]
     x, y, z, w = _planes.upper(_planes.exp((v[0], v[1], v[2])))
-    turn = _by_vector(q, [x, y, z])
+    turn = _planes.by_vector(q, [x, y, z])
     along = [w * c for c in q]
     ahead = (a + t for a, t in zip(along, turn, strict=True))
     return *ahead, *(a - t for a, t in zip(along, turn, strict=True))
 
 
-def _both_ways_back(planes: Planes, slope: Planes) -> Planes:
+def _both_ways_back(planes: Planes, result: Planes, slope: Planes) -> Planes:
     q, v = planes[:4], planes[4:]
-    *ahead_q, x, y, z = _turned_back(planes, slope[:4])
-    *back_q, a, b, c = _turned_back((*q, *(-c for c in v)), slope[4:])
+    *ahead_q, x, y, z = _turned_back(planes, result[:4], slope[:4])
+    *back_q, a, b, c = _turned_back((*q, *(-c for c in v)), result[4:], slope[4:])
     both = (g + h for g, h in zip(ahead_q, back_q, strict=True))
     return *both, x - a, y - b, z - c
 
 
 def _squared_angle(*planes: Tensor) -> Planes:
-    _, _, square = _nearest(planes)
+    _, _, square = nearest(planes)
     return (16.0 * squared_arcsine(0.25 * square),)
 
 
-def _squared_angle_back(planes: Planes, slope: Planes) -> Planes:
-    sign, difference, square = _nearest(planes)
+def _squared_angle_back(planes: Planes, result: Planes, slope: Planes) -> Planes:
+    sign, difference, square = nearest(planes)
     rate = angle_over_half_sine(0.25 * square).mul_(slope[0]).mul_(4.0)
     return _opposed(rate, difference, sign)
 
 
 def _apart(*planes: Tensor) -> Planes:
-    sign, _, square = _nearest(planes)
+    sign, _, square = nearest(planes)
     angle, factor = squared_angle_and_factor(0.25 * square)
     return angle, factor if sign is None else sign * factor
 
 
-def _apart_back(planes: Planes, slope: Planes) -> Planes:
-    sign, difference, square = _nearest(planes)
+def _apart_back(planes: Planes, result: Planes, slope: Planes) -> Planes:
+    sign, difference, square = nearest(planes)
+    _, factor = result
     by_angle, by_factor = slope
     if sign is not None:
-        by_factor = sign * by_factor
-    x = 0.25 * square
-    factor = angle_over_half_sine(x)
-    rate = _factor_slope(x, factor).mul_(by_factor).addcmul_(factor, by_angle, value=4.0)
-    return _opposed(rate, difference, sign)
+        factor, by_factor = sign * factor, sign * by_factor
+    rate = _factor_slope(0.25 * square, factor).mul_(by_factor)
+    return _opposed(rate.addcmul_(factor, by_angle, value=4.0), difference, sign)
 
 
-def _nearest(planes: Planes) -> tuple[Tensor | None, Planes, Tensor]:
+def nearest(planes: Planes) -> tuple[Tensor | None, Planes, Tensor]:
     """Sign of the nearer one of ``b`` and ``-b``, how it differs from ``a``, and the square of it.
 
     The square is ``4 sin^2(angle / 4)``; the sign is ``None`` where all are seen to be near.
@@ -240,7 +241,7 @@ def _scaled(m: Tensor, *v: Tensor) -> Planes:
     return tuple(m * component for component in v)
 
 
-def _scaled_back(planes: Planes, slope: Planes) -> Planes:
+def _scaled_back(planes: Planes, result: Planes, slope: Planes) -> Planes:
     m, *v = planes
     return _planes.dot(slope, v).sum_to_size(m.shape), *(m * g for g in slope)
 
@@ -250,7 +251,7 @@ def _normalized(*planes: Tensor) -> Planes:
     return tuple(inverse * plane for plane in planes)
 
 
-def _normalized_back(planes: Planes, slope: Planes) -> Planes:
+def _normalized_back(planes: Planes, result: Planes, slope: Planes) -> Planes:
     inverse = _planes.dot(planes, planes).rsqrt()
     along = inverse.square().mul_(_planes.dot(planes, slope))
     return tuple(
@@ -261,15 +262,3 @@ def _normalized_back(planes: Planes, slope: Planes) -> Planes:
 
 def _subtracted(b: Planes, a: Planes) -> Planes:
     return tuple(second - first for first, second in zip(a, b, strict=True))
-
-
-def _by_vector(q: Planes, v: list[Tensor]) -> Planes:
-    """``q v``, of a quaternion and one without a scalar part."""
-    x, y, z, w = q
-    a, b, c = v
-    return (
-        _planes.signed((w, a), (y, c), (-1, z, b)),
-        _planes.signed((w, b), (z, a), (-1, x, c)),
-        _planes.signed((w, c), (x, b), (-1, y, a)),
-        _planes.signed((x, a), (y, b), (z, c)).neg_(),
-    )

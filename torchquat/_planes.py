@@ -17,6 +17,9 @@ __all__ = [
     "Quaternion",
     "Vector",
     "align_path",
+    "aligned",
+    "by_vector",
+    "components",
     "compose",
     "cut",
     "dot",
@@ -28,6 +31,7 @@ __all__ = [
     "sign_of",
     "signed",
     "split",
+    "stacked",
     "upper",
     "vector_part",
 ]
@@ -38,10 +42,19 @@ Vector = tuple[Tensor, Tensor, Tensor]
 
 def split(q: Tensor) -> Quaternion:
     """Components of quaternions ``(..., 4)``, one after the other in memory."""
-    apart = q.unbind(-1)
+    return components(stacked(q))
+
+
+def stacked(q: Tensor) -> Tensor:
+    """:func:`split`, in one tensor ``(4, ...)``."""
     if torch.compiler.is_compiling() or q.stride(-1) == 1:  # they lie side by side
-        apart = torch.stack(apart).unbind(0)
-    x, y, z, w = apart
+        return torch.stack(q.unbind(-1))
+    return q.movedim(-1, 0)
+
+
+def components(q: Tensor) -> Quaternion:
+    """Components of quaternions ``(4, ...)`` that lie one after the other already."""
+    x, y, z, w = q.unbind(0)
     return x, y, z, w
 
 
@@ -99,6 +112,18 @@ def vector_part(a: Sequence[Tensor], b: Sequence[Tensor]) -> Vector:
     )
 
 
+def by_vector(q: Sequence[Tensor], v: Sequence[Tensor]) -> Quaternion:
+    """``q v``, of a quaternion and one without a scalar part."""
+    x, y, z, w = q
+    a, b, c = v
+    return (
+        signed((w, a), (y, c), (-1, z, b)),
+        signed((w, b), (z, a), (-1, x, c)),
+        signed((w, c), (x, b), (-1, y, a)),
+        signed((x, a), (y, b), (z, c)).neg_(),
+    )
+
+
 def relative(a: Quaternion, b: Quaternion) -> Quaternion:
     """``a^-1 b``, precise for near rotations, which must lie in one hemisphere for that.
 
@@ -139,16 +164,24 @@ def sign_of(x: Tensor) -> Tensor:
     return 1.0 - 2.0 * (x.detach() < 0).to(x.dtype)
 
 
-def align_path(q: Quaternion) -> Quaternion:
-    """Choose the signs along time so that every frame lies in the hemisphere of the one before."""
-    frames = q[0].shape[-2] - 1
-    step = dot(cut(q, 0, frames), cut(q, 1, frames)).detach()
+def align_path(q: Tensor) -> Tensor:
+    """Choose the signs along time so that every frame lies in the hemisphere of the one before.
+
+    Components ``(4, ..., N, J)``.
+    """
+    frames = q.shape[-2] - 1
+    here, there = (q.detach().narrow(-2, start, frames).unbind(0) for start in (0, 1))
+    step = dot(here, there)
     if lowest(step) >= 0:
         return q
     sign = sign_of(step).cumprod(-2)
-    sign = torch.cat([torch.ones_like(q[0].narrow(-2, 0, 1)), sign], -2)
-    x, y, z, w = (sign * plane for plane in q)
-    return x, y, z, w
+    return torch.cat([torch.ones_like(q[0].narrow(-2, 0, 1)), sign], -2) * q
+
+
+def aligned(q: Tensor, reference: Tensor) -> Tensor:
+    """Choose between ``q`` and ``-q`` the one in the hemisphere of ``reference``, ``(4, ...)``."""
+    cosine = dot(q.detach().unbind(0), reference.detach().unbind(0))
+    return q if lowest(cosine) >= 0 else sign_of(cosine) * q
 
 
 def signed(*products: tuple[Tensor, Tensor] | tuple[int, Tensor, Tensor]) -> Tensor:

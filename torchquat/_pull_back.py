@@ -19,33 +19,45 @@ Planes = tuple[Tensor, ...]
 Formula = Callable[..., Planes]
 """From planes to planes."""
 
-PullBack = Callable[[Planes, Planes], Planes]
-"""From the inputs and the gradients of the outputs to the gradients of the inputs."""
+PullBack = Callable[[Planes, Planes, Planes], Planes]
+"""From the inputs, the outputs and the gradients of these to the gradients of the inputs."""
 
 
-def run(formula: Formula, pull_back: PullBack, *inputs: Tensor) -> Planes:
-    """Evaluate a formula; where a backward pass is recorded, with the one given."""
+def run(formula: Formula, pull_back: PullBack, *inputs: Tensor, keep: bool = False) -> Planes:
+    """Evaluate a formula; where a backward pass is recorded, with the one given.
+
+    Args:
+        formula: What is evaluated.
+        pull_back: Its backward pass.
+        inputs: What goes in.
+        keep: Keep the outputs for the backward pass, which gets none of them otherwise.
+    """
     if not recorded(*inputs):
         return formula(*inputs)
-    return cast(Planes, _Recorded.apply(formula, pull_back, *inputs))
+    return cast(Planes, _Recorded.apply(formula, pull_back, keep, *inputs))
 
 
 class _Recorded(torch.autograd.Function):
     """A formula whose backward pass is given."""
 
     @staticmethod
-    def forward(ctx: Any, formula: Formula, pull_back: PullBack, *inputs: Tensor) -> Planes:
+    def forward(
+        ctx: Any, formula: Formula, pull_back: PullBack, keep: bool, *inputs: Tensor
+    ) -> Planes:
         ctx.formula, ctx.pull_back = formula, pull_back
-        ctx.save_for_backward(*inputs)
-        return formula(*inputs)
+        outputs = formula(*inputs)
+        ctx.inputs = len(inputs)
+        ctx.save_for_backward(*inputs, *(outputs if keep else ()))
+        return outputs
 
     @staticmethod
     def backward(ctx: Any, *slopes: Tensor) -> tuple[Tensor | None, ...]:
-        inputs: Planes = ctx.saved_tensors
+        saved: Planes = ctx.saved_tensors
+        inputs, results = saved[: ctx.inputs], saved[ctx.inputs :]
         if torch.is_grad_enabled():  # a derivative of this one will be asked for
             outputs = ctx.formula(*inputs)
             wanted = [x for x in inputs if x.requires_grad]
             found = iter(torch.autograd.grad(outputs, wanted, slopes, create_graph=True))
-            return None, None, *(next(found) if x.requires_grad else None for x in inputs)
+            return None, None, None, *(next(found) if x.requires_grad else None for x in inputs)
         slopes = tuple(slope.contiguous() for slope in slopes)
-        return None, None, *ctx.pull_back(inputs, slopes)
+        return None, None, None, *ctx.pull_back(inputs, results, slopes)

@@ -82,7 +82,8 @@ def restore(result: Tensor, prepared: Tensor, q: Tensor) -> Tensor:
     Returns:
         Unit quaternions ``(..., T, J, 4)`` in the dtype of ``q``.
     """
-    return _planes.packed(so3.align(result, prepared).to(q.dtype).unbind(-1))
+    result = so3.align(result, prepared).to(q.dtype)
+    return result if result.is_contiguous() else _planes.packed(result.unbind(-1))
 
 
 def past_boundary(boundary: Boundary, causal: bool) -> Boundary:

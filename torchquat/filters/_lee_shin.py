@@ -8,9 +8,12 @@ from torch import Tensor
 
 from torchquat import _operations, _planes, timeline
 from torchquat._blocks import Window, in_windows
-from torchquat._eager import lowest
+from torchquat._eager import derivatives, lowest, visible
 from torchquat._operations import accumulated
 from torchquat._planes import Quaternion, Vector
+from torchquat._pull_back import Planes, run
+from torchquat.filters._lee_shin_back import symmetric_back
+from torchquat.filters._lee_shin_plain import plain_mean
 from torchquat.timeline import Boundary
 
 __all__ = ["Step", "Weigh", "divided", "move", "tangent_mean"]
@@ -20,9 +23,9 @@ Weigh = Callable[[int, Callable[[], Tensor]], tuple[float | Tensor, float | Tens
 seen from the first, and of the first seen from the second. Each is a number, one per joint ``(J,)``
 or one per pair ``(..., P, J)``; ``squared_angle()`` gives those between both ``(..., P, J)``."""
 
-Step = Callable[[Quaternion, Tensor | None], Vector]
-"""From a window's frames ``(..., T + 2 radius, J)``, components and weights (``None``: 1), to the
-rotation vectors ``(..., T, J)`` [rad] by which the frames inside are moved."""
+Step = Callable[[Tensor, Tensor | None], Vector]
+"""From a window's frames, components ``(4, ..., T + 2 radius, J)`` and weights (``None``: 1), to
+the rotation vectors ``(..., T, J)`` [rad] by which the frames inside are moved."""
 
 
 def move(
@@ -49,20 +52,22 @@ def move(
     """
 
     def moved(window: Window) -> Quaternion:
-        centre = _planes.cut(window.q, radius, window.frames)
-        return _operations.turned(centre, step(window.q, window.trust))
+        centre = window.q.narrow(-2, radius, window.frames)
+        return _operations.turned(_planes.components(centre), step(window.q, window.trust))
 
     return in_windows(moved, *timeline.pad(q, confidence, radius, boundary), radius, shared)
 
 
 def tangent_mean(
-    q: Quaternion,
+    q: Tensor,
     trust: Tensor | None,
     weigh: Weigh,
     *,
     centre: float | Tensor = 1.0,
     radius: int,
     causal: bool = False,
+    fixed: bool = False,
+    rate: float | Tensor | None = None,
 ) -> tuple[Vector, Tensor]:
     r"""Mean of ``c_j - c_i`` over the window, with ``c`` the running sum of the increments.
 
@@ -74,17 +79,43 @@ def tangent_mean(
     and a pair of frames is weighed once for both.
 
     Args:
-        q: Components of unit quaternions ``(..., T + 2 radius, J)``.
+        q: Components of unit quaternions ``(4, ..., T + 2 radius, J)``.
         trust: Weights of these frames; ``None``: 1.
         weigh: The weights m before these, see :data:`Weigh`.
         centre: Weight of the frame itself.
         radius: Half-width of the window [frames].
         causal: Leave out the later half of the window.
+        fixed: No parameter of the weights wants a gradient: fewer steps where nothing else does.
+        rate: Where both weights of a pair are the same, and a number times ``exp(rate d^2)``: the
+            rate, 0 for a number alone. With it and ``fixed`` the backward pass takes fewer steps.
 
     Returns:
         Means ``(..., T, J)`` [rad], 0 where the window is empty, and the sums of the weights.
     """
     q = _planes.align_path(q)
+    formula = partial(_tangent_mean, weigh, centre, radius, causal, fixed, trust)
+    if not fixed or rate is None or trust is not None or causal or radius == 0:
+        x, y, z, total = formula(q)
+    else:
+        x, y, z, total = run(formula, partial(symmetric_back, weigh, rate, radius), q, keep=True)
+    return (x, y, z), total
+
+
+def _tangent_mean(
+    weigh: Weigh,
+    centre: float | Tensor,
+    radius: int,
+    causal: bool,
+    fixed: bool,
+    trust: Tensor | None,
+    whole: Tensor,
+) -> Planes:
+    """:func:`tangent_mean` of frames of one hemisphere."""
+    known = (whole, trust, centre)
+    if fixed and visible(whole) and not derivatives(*(x for x in known if isinstance(x, Tensor))):
+        weighted, total = plain_mean(weigh, centre, radius, causal, trust, whole)
+        return *divided(weighted.unbind(0), total), total
+    q = _planes.components(whole)
     frames = q[0].shape[-2] - 2 * radius
     increment = _operations.between(
         *(_planes.cut(q, start, frames + 2 * radius - 1) for start in (0, 1))
@@ -107,8 +138,7 @@ def tangent_mean(
             m = m if trust is None else m * trust.narrow(-2, radius + side * lag, frames)
             total = total + m
             weighted = accumulated(weighted, m, _rows_of(travelled, start, frames), side)
-    x, y, z = divided(weighted, total)
-    return (x, y, z), total
+    return *divided(weighted, total), total
 
 
 def _apart(q: Quaternion, increment: Vector, lag: int, first: int, pairs: int) -> Tensor:

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from torchquat._eager import lowest, numbers
-from torchquat._planes import Quaternion, Vector
+from torchquat._eager import derivatives, lowest, numbers, visible
+from torchquat._planes import Vector
 from torchquat.filters._lee_shin import move, tangent_mean
 from torchquat.timeline import Boundary
 
@@ -19,7 +19,7 @@ def convolve(
     """Filter with a mask ``(2k + 1, J or 1)`` that may have negative entries."""
     rising, falling = mask.clamp(min=0), mask.clamp(max=0)
 
-    def step(window: Quaternion, trust: Tensor | None) -> Vector:
+    def step(window: Tensor, trust: Tensor | None) -> Vector:
         up, up_total = masked_mean(window, trust, rising, causal=causal)
         if lowest(mask) >= 0:
             return up
@@ -37,11 +37,13 @@ def convolve(
 
 
 def masked_mean(
-    window: Quaternion, trust: Tensor | None, mask: Tensor, *, causal: bool
+    window: Tensor, trust: Tensor | None, mask: Tensor, *, causal: bool
 ) -> tuple[Vector, Tensor]:
     """Tangent mean for a mask ``(2k + 1, J or 1)`` >= 0."""
     radius = len(mask) // 2
     rows = numbers(mask)
+    fixed = visible(mask) and not derivatives(mask)
+    symmetric = fixed and torch.equal(mask, mask.flip(0))
     return tangent_mean(
         window,
         trust,
@@ -49,6 +51,8 @@ def masked_mean(
         centre=rows[radius],
         radius=radius,
         causal=causal,
+        fixed=fixed,
+        rate=0.0 if symmetric else None,
     )
 
 

@@ -5,16 +5,16 @@ does not depend on the coordinate frame; every level and joint is judged by itse
 """
 
 import math
+from collections.abc import Callable
 from typing import Literal, get_args
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchquat import so3, timeline
+from torchquat import _planes, timeline
 from torchquat._eager import derivatives, visible
-from torchquat._series import invisible
-from torchquat.filters.lifting import LinearPredict
+from torchquat._series import invisible, squared_arcsine
 
 __all__ = [
     "RULES",
@@ -23,10 +23,12 @@ __all__ = [
     "Shrinkage",
     "detail_validity",
     "finest_noise",
+    "kept",
     "masked_median",
     "norm",
     "shrink",
     "threshold",
+    "universal_threshold",
 ]
 
 Rule = Literal["universal", "sure", "bayes", "finest"]
@@ -60,17 +62,21 @@ def shrink(detail: Tensor, threshold: Tensor, shrinkage: Shrinkage) -> Tensor:
     Returns:
         Rotation vectors ``(..., N, J, 3)`` [rad].
     """
-    if shrinkage != "hard" and not derivatives(detail, threshold):
-        inverse = (detail.square().sum(-1, keepdim=True) + invisible(detail)).rsqrt_()
-        return _kept(inverse.mul_(threshold), shrinkage) * detail
-    length = norm(detail)
-    at_zero = (threshold <= 0).to(detail.dtype)
+    return kept(detail.square().sum(-1, keepdim=True), threshold, shrinkage) * detail
+
+
+def kept(square: Tensor, threshold: Tensor, shrinkage: Shrinkage) -> Tensor:
+    """The share that :func:`shrink` keeps of details with these squared norms."""
+    if shrinkage != "hard" and not derivatives(square, threshold):
+        return _kept((square + invisible(square)).rsqrt_().mul_(threshold), shrinkage)
+    length = _root(square)
+    at_zero = (threshold <= 0).to(square.dtype)
     share = threshold / torch.where(length > 0, length, 1.0)
-    return torch.where(length > 0, _kept(share, shrinkage), at_zero) * detail
+    return torch.where(length > 0, _kept(share, shrinkage), at_zero)
 
 
 def _kept(share: Tensor, shrinkage: Shrinkage) -> Tensor:
-    """What is left of a detail for this ratio of the threshold to its length."""
+    """The share kept for this ratio of the threshold to the length."""
     if shrinkage == "hard":
         return (share < 1.0).to(share.dtype)
     return (1.0 - (share if shrinkage == "soft" else share.square())).clamp(min=0.0)
@@ -79,8 +85,9 @@ def _kept(share: Tensor, shrinkage: Shrinkage) -> Tensor:
 def finest_noise(q: Tensor, present: Tensor | None = None) -> Tensor:
     """Standard deviation of the noise of single frames, per axis and joint.
 
-    From the median norm of the finest details of the linear scheme. Those of other schemes would
-    do, but Haar's are velocities: on real motion they are mostly signal.
+    From the median distance of odd frames from the middle between their neighbours: the finest
+    details of the linear scheme. Those of other schemes would do, but Haar's are velocities: on
+    real motion they are mostly signal.
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``.
@@ -90,11 +97,22 @@ def finest_noise(q: Tensor, present: Tensor | None = None) -> Tensor:
     Returns:
         Standard deviations ``(..., 1, J, 1)`` [rad]; 0 where there is nothing to judge by.
     """
-    even, odd = timeline.halves(q)
-    predicted = timeline.first_frames(LinearPredict()(even), odd.shape[-3])
-    square = so3.squared_distance(predicted, odd)[..., None]
-    valid, _ = detail_validity(present)
-    return masked_median(square, valid, root=True) / (_MEDIAN_NORM * _LINEAR_GAIN)
+    even, odd = (x.movedim(-1, 0) for x in timeline.halves(q))
+    second = even[..., 1:, :]  # the last odd frame may have nothing after it
+    count = second.shape[-2]
+    first, odd = (timeline.first_frames(x, count, -2) for x in (even, odd))
+    total = first + _planes.aligned(second, first)
+    middle = total * _planes.dot(total.unbind(0), total.unbind(0)).rsqrt()
+    difference = _planes.aligned(odd, middle) - middle
+    square = _planes.dot(difference.unbind(0), difference.unbind(0))[..., None]
+    valid = detail_validity(present)[0]
+    valid = None if valid is None else timeline.first_frames(valid, count, -2)
+    return masked_median(square, valid, _angle) / (_MEDIAN_NORM * _LINEAR_GAIN)
+
+
+def _angle(square: Tensor) -> Tensor:
+    """Rotation angle [rad] of the squared difference of two unit quaternions."""
+    return _root(16.0 * squared_arcsine(0.25 * square))
 
 
 def detail_validity(present: Tensor | None) -> tuple[Tensor | None, Tensor | None]:
@@ -131,14 +149,18 @@ def threshold(rule: Rule, detail: Tensor, valid: Tensor | None, sigma: Tensor) -
     """
     counted = detail.new_ones(detail.shape[:-1]) if valid is None else valid.to(detail.dtype)
     count = counted[..., None].sum(-3, keepdim=True)
-    universal = sigma * _universal_factor(count)
     if rule == "universal":
-        return universal
+        return universal_threshold(count, sigma)
     length, valid = norm(detail), counted[..., None] > 0
     if rule == "sure":
-        return torch.minimum(_least_risk(length, valid, sigma), universal)
+        return torch.minimum(_least_risk(length, valid, sigma), universal_threshold(count, sigma))
     assert rule == "bayes"
     return _bayes(length, valid, sigma, count)
+
+
+def universal_threshold(count: Tensor, sigma: Tensor) -> Tensor:
+    """Threshold above the largest of so many noise vectors, ``(..., 1, J, 1)`` each."""
+    return sigma * _universal_factor(count)
 
 
 def _universal_factor(count: Tensor) -> Tensor:
@@ -183,13 +205,15 @@ def _sorted(length: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
     return length.gather(-3, order) * counts, counts
 
 
-def masked_median(x: Tensor, valid: Tensor | None = None, *, root: bool = False) -> Tensor:
+def masked_median(
+    x: Tensor, valid: Tensor | None = None, rising: Callable[[Tensor], Tensor] | None = None
+) -> Tensor:
     """Median over time of what is valid, 0 of nothing.
 
     Args:
         x: Values ``(..., N, J, 1)`` >= 0.
         valid: Booleans ``(..., N, J)``; ``None``: all.
-        root: Of the square roots of the values.
+        rising: A rising function: the median is that of its values, found without them.
 
     Returns:
         Medians ``(..., 1, J, 1)``.
@@ -206,8 +230,8 @@ def masked_median(x: Tensor, valid: Tensor | None = None, *, root: bool = False)
         count = counts.sum(-3, keepdim=True).long()
         places = (count - 1).clamp(min=0) // 2, count // 2
         low, high = (ordered.gather(-3, place) for place in places)
-    if root:
-        low, high = _root(low), _root(high)
+    if rising is not None:
+        low, high = rising(low), rising(high)
     return torch.where(count > 0, 0.5 * (low + high), 0.0)
 
 

@@ -8,7 +8,8 @@ from torch import Tensor, nn
 
 from torchquat import missing, so3, timeline
 from torchquat._checks import check_choice, check_count, check_positive
-from torchquat._planes import Quaternion, Vector
+from torchquat._eager import derivatives
+from torchquat._planes import Vector
 from torchquat.filters._bandwidth import (
     Bandwidth,
     default_radius,
@@ -91,8 +92,16 @@ def bilateral_filter(
         m = weigh(lag, squared_angle(), sigma_t, sigma_g)
         return m, m  # the distance is symmetric
 
-    def step(window: Quaternion, trust: Tensor | None) -> Vector:
-        return tangent_mean(window, trust, weigh_both, radius=radius, causal=causal)[0]
+    def step(window: Tensor, trust: Tensor | None) -> Vector:
+        return tangent_mean(
+            window,
+            trust,
+            weigh_both,
+            radius=radius,
+            causal=causal,
+            fixed=not derivatives(*(s for s in (sigma_t, sigma_g) if isinstance(s, Tensor))),
+            rate=-0.5 / sigma_g**2 if kernel == "gaussian" else None,
+        )[0]
 
     unit = prepared
     for iteration in range(iterations):

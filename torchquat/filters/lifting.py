@@ -84,7 +84,7 @@ class LiftingStep(nn.Module):
         """
         even, odd = timeline.halves(q)
         detail = so3.between(self._predicted(even, odd.shape[-3]), odd)
-        if self._is_haar and not torch.compiler.is_compiling():  # the middle, in fewer steps
+        if self.is_haar and not torch.compiler.is_compiling():  # the middle, in fewer steps
             pairs = odd.shape[-3]
             middle = so3.midpoint(even[..., :pairs, :, :], odd)
             return _followed(middle, even[..., pairs:, :, :]), detail
@@ -93,7 +93,7 @@ class LiftingStep(nn.Module):
     def inverse(self, coarse: Tensor, detail: Tensor) -> Tensor:
         """Put together what :meth:`forward` split: unit quaternions ``(..., T, J, 4)``."""
         evens, odds = coarse.shape[-3], detail.shape[-3]
-        if self._is_haar and not torch.compiler.is_compiling():  # one turn, both ways
+        if self.is_haar and not torch.compiler.is_compiling():  # one turn, both ways
             middle, last = coarse[..., :odds, :, :], coarse[..., odds:, :, :]
             odd, even = so3.turn_both_ways(middle, self.update(detail))
             return timeline.interleave(_followed(even, last), odd)
@@ -102,7 +102,8 @@ class LiftingStep(nn.Module):
         return timeline.interleave(even, odd)
 
     @property
-    def _is_haar(self) -> bool:
+    def is_haar(self) -> bool:
+        """Whether this is Haar's scheme."""
         return type(self.predict) is HaarPredict and type(self.update) is HaarUpdate
 
     def _predicted(self, even: Tensor, odds: int) -> Tensor:
@@ -190,6 +191,11 @@ class LiftingTransform(nn.Module):
         for level, detail in zip(range(len(details) - 1, -1, -1), details, strict=True):
             q = lifting_step(self.steps, level).inverse(q, detail)
         return q
+
+    @property
+    def is_haar(self) -> bool:
+        """Whether every level is Haar's scheme."""
+        return all(isinstance(step, LiftingStep) and step.is_haar for step in self.steps)
 
     def extra_repr(self) -> str:
         """Depth."""

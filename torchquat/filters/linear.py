@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from torchquat import timeline
 from torchquat._checks import check_choice, check_count, check_positive
-from torchquat._planes import Quaternion, Vector
+from torchquat._planes import Vector
 from torchquat.filters._bandwidth import (
     Bandwidth,
     default_radius,
@@ -111,7 +111,7 @@ def gaussian_filter(
     mask = torch.cat([half.flip(0), half[1:]])
     boundary = timeline.past_boundary(boundary, causal)
 
-    def step(window: Quaternion, trust: Tensor | None) -> Vector:
+    def step(window: Tensor, trust: Tensor | None) -> Vector:
         return masked_mean(window, trust, mask, causal=causal)[0]
 
     result = move(unit, confidence, step, radius=radius, boundary=boundary, shared=(mask,))

@@ -106,15 +106,16 @@ def nonlocal_pose_means(
         learned = learned.reshape(unit.shape[:-3].numel(), *learned.shape[-2:])
 
     def moved(window: Window) -> Quaternion:
-        centre = _planes.cut(window.q, patches.reach, window.frames)
+        planes = _planes.components(window.q)
+        centre = _planes.cut(planes, patches.reach, window.frames)
         near = None
         if learned is not None:
             span = window.frames + 2 * search_radius
             near = learned[window.items].narrow(-2, window.start, span)
         if chart == "local":
-            around = _planes.align_path(window.q)
+            around = _planes.components(_planes.align_path(window.q))
         else:
-            around = _planes.log(_planes.upper(window.q))
+            around = _planes.log(_planes.upper(planes))
         seen = patches.neighbours(around, window.trust, near)
         own = tuple(x.narrow(-2, patches.reach, window.frames) for x in around)
         mean, total = _attend(seen, own, _middle(window, patches.reach), bandwidth)

@@ -117,7 +117,7 @@ def hampel_filter(
     unit, confidence = timeline.prepare(q, weight)
 
     def moved(window: Window) -> Quaternion:
-        centre = _planes.cut(window.q, radius, window.frames)
+        centre = _planes.cut(_planes.components(window.q), radius, window.frames)
         median = _median(window, radius, iterations)
         wild = _wild(window, median, radius, n_sigmas)
         x, y, z, w = (torch.where(wild, m, c) for m, c in zip(median, centre, strict=True))
@@ -199,12 +199,13 @@ def _check(radius: int, iterations: int, boundary: Boundary) -> None:
 
 def _median(window: Window, radius: int, iterations: int) -> Quaternion:
     """Median of every window, the frame itself where nothing in it counts."""
-    estimate = _planes.cut(window.q, radius, window.frames)
+    q = _planes.components(window.q)
+    estimate = _planes.cut(q, radius, window.frames)
     for iteration in range(iterations + 1 if radius > 0 else 0):
         total = torch.zeros_like(estimate[0])
         weighted = tuple(torch.zeros_like(total) for _ in range(4))
         for place in range(2 * radius + 1):
-            sample = _planes.cut(window.q, place, window.frames)
+            sample = _planes.cut(q, place, window.frames)
             square, factor = _operations.apart(estimate, sample)
             m = (square + ROUNDING**2).rsqrt() if iteration > 0 else torch.ones_like(square)
             if window.trust is not None:
@@ -220,9 +221,10 @@ def _median(window: Window, radius: int, iterations: int) -> Quaternion:
 def _wild(window: Window, median: Quaternion, radius: int, n_sigmas: float) -> Tensor:
     """Which frames are too far from the median of their window."""
     middle = tuple(plane.detach() for plane in median)
+    q = _planes.components(window.q.detach())
     squares, trusts = [], []
     for place in range(2 * radius + 1):
-        sample = tuple(c.detach() for c in _planes.cut(window.q, place, window.frames))
+        sample = _planes.cut(q, place, window.frames)
         squares.append(_operations.squared_angle(middle, sample))  # pyright: ignore[reportArgumentType]
         known = window.trust
         trusts.append(

@@ -141,7 +141,7 @@ def _first_moves(unit: Tensor, trust: Tensor, fits: Tensor) -> Tensor:
 
 def _running_sum(window: Tensor) -> Vector:
     """The path ``c`` of a window, from its first frame on."""
-    q = _planes.align_path(_operations.split(window))
+    q = _planes.components(_planes.align_path(_planes.stacked(window)))
     width = window.shape[-3] - 1
     steps = _operations.between(_planes.cut(q, 0, width), _planes.cut(q, 1, width))
     start = torch.zeros_like(q[0].narrow(-2, 0, 1))

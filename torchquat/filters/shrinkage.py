@@ -7,6 +7,8 @@ from torch import Tensor, nn
 
 from torchquat import so3, timeline
 from torchquat._checks import check_choice, check_count
+from torchquat._eager import visible
+from torchquat.filters._haar import haar_denoised
 from torchquat.filters._thresholds import (
     RULES,
     SHRINKAGES,
@@ -16,6 +18,7 @@ from torchquat.filters._thresholds import (
     finest_noise,
     shrink,
     threshold,
+    universal_threshold,
 )
 from torchquat.filters.lifting import LiftingStep, LiftingTransform, Pyramid, Wavelet
 
@@ -99,6 +102,9 @@ class LiftingDenoiser(nn.Module):
             padded, seen = timeline.pad(unit, present, shift, "reflect")
             padded = timeline.first_frames(padded, frames + shift)
             seen = None if seen is None else timeline.first_frames(seen, frames + shift, -2)
+        known = self._known_thresholds(padded, seen, sigma)
+        if known is not None:
+            return haar_denoised(padded, known, self.shrinkage).narrow(-3, shift, frames)
         pyramid = self.transform(padded)
         shrunk = self._shrink(pyramid.details, seen, sigma)
         whole = self.transform.inverse(Pyramid(pyramid.approx, shrunk))
@@ -106,6 +112,39 @@ class LiftingDenoiser(nn.Module):
         if shift == 0 and not torch.compiler.is_compiling():
             return whole
         return whole.index_select(-3, torch.arange(shift, shift + frames, device=whole.device))
+
+    def _known_thresholds(
+        self, q: Tensor, present: Tensor | None, sigma: Tensor | None
+    ) -> list[Tensor] | None:
+        """Thresholds, finest first, where the details need not be seen to know them.
+
+        Of Haar's scheme, which can then be computed in one go; ``None``: of another, or by a rule
+        that looks at the details, or where nobody may look at lengths.
+        """
+        universal = self.rule == "universal" and sigma is not None
+        fast = self.transform.is_haar and (universal or self.thresholds is not None)
+        if not fast or self.levels == 0 or not visible(q):
+            return None
+        found: list[Tensor] = []
+        frames = q.shape[-3]
+        for level in range(self.levels - 1, -1, -1):
+            valid, present = detail_validity(present)
+            if self.thresholds is not None:
+                t = q.new_full((), self.thresholds[level])
+            else:
+                assert sigma is not None  # for the type checker
+                pairs = sigma.new_full((), float(frames // 2))
+                count = pairs if valid is None else valid.to(q.dtype)[..., None].sum(-3, True)
+                t = universal_threshold(count, sigma * self.noise_gain[level])
+            found.append(self._rescaled(t, level))
+            frames = (frames + 1) // 2
+        return found
+
+    def _rescaled(self, threshold: Tensor, level: int) -> Tensor:
+        """Times the factor of a level that is learned."""
+        if self.log_scale is None:
+            return threshold
+        return threshold * self.log_scale[level].exp().to(threshold.dtype)
 
     def _shrink(
         self, details: tuple[Tensor, ...], present: Tensor | None, sigma: Tensor | None
@@ -121,9 +160,7 @@ class LiftingDenoiser(nn.Module):
                 t = threshold(self.rule, detail, valid, own)
             else:
                 t = detail.new_full((), self.thresholds[level] if self.thresholds else 0.0)
-            if self.log_scale is not None:
-                t = t * self.log_scale[level].exp().to(detail.dtype)
-            shrunk.insert(0, shrink(detail, t, self.shrinkage))
+            shrunk.insert(0, shrink(detail, self._rescaled(t, level), self.shrinkage))
         return tuple(shrunk)
 
     def extra_repr(self) -> str:
