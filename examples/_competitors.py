@@ -14,15 +14,15 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 from torch import Tensor, nn
 
-__all__ = ["COMPETITORS", "SLOW", "smooth_net"]
+__all__ = ["COMPETITORS", "SLOW", "components", "nine_entries", "smooth_net"]
 
 Array = np.ndarray
 WINDOW = 32
 
 
-def components(q: Array) -> Array:
+def components(q: Array, sigma_t: float = 1.0) -> Array:
     """Gaussian filter on the components, scaled to unit length again."""
-    smooth = gaussian_filter1d(q, 1.0, axis=0)
+    smooth = gaussian_filter1d(q, sigma_t, axis=0)
     return smooth / np.linalg.norm(smooth, axis=-1, keepdims=True)
 
 
@@ -32,11 +32,11 @@ def savitzky_golay(q: Array) -> Array:
     return smooth / np.linalg.norm(smooth, axis=-1, keepdims=True)
 
 
-def nine_entries(q: Array) -> Array:
+def nine_entries(q: Array, radius: int = 3, order: int = 2) -> Array:
     """Matrices filtered entry by entry and made quaternions again, as in MMHuman3D."""
     rotations = Rotation.from_quat(q.reshape(-1, 4))
     matrices = np.asarray(rotations.as_matrix()).reshape(*q.shape[:2], 9)
-    smooth = cast(Array, savgol_filter(matrices, 7, 2, axis=0))
+    smooth = cast(Array, savgol_filter(matrices, 2 * radius + 1, order, axis=0))
     return np.asarray(Rotation.from_matrix(smooth.reshape(-1, 3, 3)).as_quat()).reshape(q.shape)
 
 
