@@ -14,7 +14,7 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 from torch import Tensor, nn
 
-__all__ = ["COMPETITORS", "SLOW", "components", "nine_entries", "smooth_net"]
+__all__ = ["COMPETITORS", "SLOW", "components", "smooth_matrices", "smooth_net"]
 
 Array = np.ndarray
 WINDOW = 32
@@ -32,12 +32,18 @@ def savitzky_golay(q: Array) -> Array:
     return smooth / np.linalg.norm(smooth, axis=-1, keepdims=True)
 
 
-def nine_entries(q: Array, radius: int = 3, order: int = 2) -> Array:
+def nine_entries(q: Array) -> Array:
     """Matrices filtered entry by entry and made quaternions again, as in MMHuman3D."""
-    rotations = Rotation.from_quat(q.reshape(-1, 4))
-    matrices = np.asarray(rotations.as_matrix()).reshape(*q.shape[:2], 9)
-    smooth = cast(Array, savgol_filter(matrices, 2 * radius + 1, order, axis=0))
-    return np.asarray(Rotation.from_matrix(smooth.reshape(-1, 3, 3)).as_quat()).reshape(q.shape)
+    smooth = smooth_matrices(q).reshape(-1, 3, 3)
+    return np.asarray(Rotation.from_matrix(smooth).as_quat()).reshape(q.shape)
+
+
+def smooth_matrices(q: Array, radius: int = 3) -> Array:
+    """Savitzky-Golay filter on the entries of rotation matrices ``(T, J, 3, 3)``."""
+    matrices = np.asarray(Rotation.from_quat(q.reshape(-1, 4)).as_matrix())
+    entries = matrices.reshape(*q.shape[:2], 9)
+    smooth = cast(Array, savgol_filter(entries, 2 * radius + 1, 2, axis=0))
+    return smooth.reshape(*q.shape[:2], 3, 3)
 
 
 def windowed_mean(q: Array, radius: int = 3) -> Array:

@@ -1,5 +1,6 @@
 """The wrong ways are wrong in the way that is said, and only there."""
 
+import _competitors as competitors
 import _wrong_ways as wrong
 import numpy as np
 import pytest
@@ -61,3 +62,14 @@ def test_integrated_increments_drift():
     kept = gaussian_filter(torch.tensor(q), sigma_t=2.0)[-1, 0]
     assert (made.inv() * walk[-1]).magnitude() > 0.5
     assert (Rotation.from_quat(kept.numpy()).inv() * walk[-1]).magnitude() < 1.0
+
+
+def test_matrices_that_become_mirrors_are_made_rotations(rng):
+    q = numpy_of(smooth_motion(frames=60, step=2.0, rng=rng))
+    entries = competitors.smooth_matrices(q, 8)
+    assert (np.linalg.det(entries) < 0).any()
+    assert np.allclose(np.linalg.norm(wrong.nine_entries(q, 8), axis=-1), 1.0)
+    # without noise to speak of, it is what the competitor in speed does
+    slow = numpy_of(smooth_motion(frames=30, step=0.1, rng=rng))
+    same = torch.tensor(competitors.nine_entries(slow))
+    assert_same_rotation(torch.tensor(wrong.nine_entries(slow)), same, 1e-7)
