@@ -42,7 +42,8 @@ def smooth_matrices(q: Array, radius: int = 3) -> Array:
     """Savitzky-Golay filter on the entries of rotation matrices ``(T, J, 3, 3)``."""
     matrices = np.asarray(Rotation.from_quat(q.reshape(-1, 4)).as_matrix())
     entries = matrices.reshape(*q.shape[:2], 9)
-    smooth = cast(Array, savgol_filter(entries, 2 * radius + 1, 2, axis=0))
+    width = 2 * min(radius, (len(q) - 1) // 2) + 1  # not longer than the sequence
+    smooth = cast(Array, savgol_filter(entries, width, min(2, width - 1), axis=0))
     return smooth.reshape(*q.shape[:2], 3, 3)
 
 

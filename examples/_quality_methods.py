@@ -44,11 +44,11 @@ KINDS = {
     "ours": "ours, no parameter",
 }
 
-SPANS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)  # [frames]
-RADII = (2, 3, 4, 6, 8, 11, 16, 23, 32)  # [frames]
+SPANS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0)  # [frames]
+RADII = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45)  # [frames]
 CUTOFFS = tuple(0.4 * 2.0 ** (-0.5 * step) for step in range(12))  # [cycles per frame]
 LIKENESS = tuple(0.004 * 2.0 ** (0.5 * step) for step in range(17))  # [rad]
-RATIOS = tuple(2.0 ** (2 - step) for step in range(14))  # process over measurement noise
+RATIOS = tuple(2.0 ** (2 - step) for step in range(11))  # process over measurement noise
 
 
 @dataclass(frozen=True)
@@ -79,15 +79,15 @@ def methods() -> dict[str, Method]:
         "logarithms at identity": wrong(logs_at_identity, sigma_t=SPANS),
         "Gaussian": usual(GaussianFilter, sigma_t=SPANS),
         "moving mean (Blender)": Method(
-            "usual", {f"passes {n}": _repeated(MovingMeanFilter(), n) for n in (1, 2, 4, 8, 16, 32)}
+            "usual", _passes(MovingMeanFilter(), (1, 2, 4, 8, 16, 32, 64))
         ),
         "Savitzky-Golay": usual(SavitzkyGolayFilter, radius=RADII, order=(2, 4)),
         "Butterworth": usual(ButterworthFilter, cutoff=CUTOFFS, order=(2,)),
         "One-Euro": usual(OneEuroFilter, min_cutoff=CUTOFFS[::2], beta=(0.02, 0.1, 0.4, 1.5)),
         "Kalman/RTS": usual(
-            KalmanSmoother, process_noise=RATIOS, measurement_noise=(1.0,), order=(2, 3)
+            KalmanSmoother, process_noise=RATIOS, measurement_noise=(1.0,), order=(2,)
         ),
-        "median": usual(MedianFilter, radius=(1, 2, 3, 4, 6, 9)),
+        "median": usual(MedianFilter, radius=(1, 2, 3, 4, 6, 9, 13)),
         "Hampel": usual(HampelFilter, radius=(2, 3, 5), n_sigmas=(3.0, 5.0, 8.0)),
         "principal components": usual(
             PrincipalComponentFilter, components=(2, 4, 6, 9, 13, 18, 26, 36)
@@ -108,7 +108,7 @@ def methods() -> dict[str, Method]:
     }
 
 
-SPINS = {"levels": (3, 5), "cycle_spins": (8,)}
+SPINS = {"levels": (3, 5, 7), "cycle_spins": (8,)}
 
 
 def usual(make: Callable[..., Denoise], **choices: tuple) -> Method:
@@ -161,5 +161,6 @@ def _shown(value: object) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def _repeated(module: nn.Module, times: int) -> nn.Module:
-    return nn.Sequential(*[module] * times)
+def _passes(module: nn.Module, times: tuple[int, ...]) -> dict[str, Denoise]:
+    """The same filter several times over."""
+    return {f"passes {n}": nn.Sequential(*[module] * n) for n in times}

@@ -98,7 +98,7 @@ def test_quick_run_writes_table_and_plot(folder, tmp_path, capsys):
     assert text in said and (out / "quality.png").read_bytes().startswith(b"\x89PNG")
     for name, row in quality_methods.methods().items():
         assert name in (said if row.missing else text)
-    assert "best baseline" in text
+    assert "best (any)" in text
 
 
 def test_the_oracle_never_loses_to_one_of_its_settings(folder):
@@ -143,3 +143,21 @@ def test_noisy_input_is_as_noisy_as_the_design_says(shared_data):
     cut = clips.read(paths, 120, None, None)
     found = quality.judge(rows, cut, 120, names, [0])[quality_methods.NOISY][""]
     assert np.allclose(found[..., 0].mean(0), [47.1, 33.1, 23.6, 17.6, 9.6, 24.2], atol=0.11)
+
+
+def test_margins_are_to_the_best_of_each_kind():
+    def row(kind, psnr):
+        values = np.array([psnr])
+        return quality_table.Row(kind, ["1", "5"], ["a"], values, values, values, ["", ""])
+
+    rows = {
+        "noisy": row("input", [10.0, 10.0]),
+        "bad": row("wrong", [12.0, 30.0]),
+        "good": row("usual", [20.0, 21.0]),
+        "new": row("ours", [23.0, 22.5]),
+    }
+    text = [line.split() for line in quality_table.table(rows, "x").splitlines()]
+    assert ["best", "(usual)", "20.0", "21.0"] in text and ["1:", "good,", "5:", "good"] in text
+    assert ["new", "-", "best", "+3.0", "+1.5"] in text
+    assert ["best", "(any)", "20.0", "30.0"] in text and ["1:", "good,", "5:", "bad"] in text
+    assert ["new", "-", "best", "+3.0", "-7.5"] in text

@@ -73,3 +73,9 @@ def test_matrices_that_become_mirrors_are_made_rotations(rng):
     slow = numpy_of(smooth_motion(frames=30, step=0.1, rng=rng))
     same = torch.tensor(competitors.nine_entries(slow))
     assert_same_rotation(torch.tensor(wrong.nine_entries(slow)), same, 1e-7)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 5])
+def test_matrices_of_sequences_shorter_than_the_window(frames, rng):
+    q = numpy_of(smooth_motion(frames=frames, rng=rng))
+    assert wrong.nine_entries(q, 8).shape == q.shape
