@@ -47,8 +47,8 @@ KINDS = {
 SPANS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0)  # [frames]
 RADII = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45)  # [frames]
 CUTOFFS = tuple(0.4 * 2.0 ** (-0.5 * step) for step in range(12))  # [cycles per frame]
-LIKENESS = tuple(0.004 * 2.0 ** (0.5 * step) for step in range(17))  # [rad]
-RATIOS = tuple(2.0 ** (2 - step) for step in range(11))  # process over measurement noise
+LIKENESS = tuple(0.004 * 2.0 ** (0.5 * step) for step in range(19))  # [rad]
+RATIOS = tuple(2.0 ** (4 - step) for step in range(12))  # process over measurement noise
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def methods() -> dict[str, Method]:
             PrincipalComponentFilter, components=(2, 4, 6, 9, 13, 18, 26, 36)
         ),
         "kernel PCA": usual(KernelPCAFilter, components=(4, 8, 16, 32)),
-        "bilateral": paper(BilateralFilter, sigma_t=SPANS[3:10:1], sigma_g=LIKENESS[3::3]),
+        "bilateral": paper(BilateralFilter, sigma_t=SPANS[3:11], sigma_g=LIKENESS[3::3]),
         "non-local, poses": paper(NonLocalPoseMeans, sigma=LIKENESS, groups=("pose",)),
         "non-local, joints": paper(NonLocalPoseMeans, sigma=LIKENESS, groups=("joint",)),
         "lifting, Haar": paper(
