@@ -87,7 +87,7 @@ def methods() -> dict[str, Method]:
         "Kalman/RTS": usual(
             KalmanSmoother, process_noise=RATIOS, measurement_noise=(1.0,), order=(2,)
         ),
-        "median": usual(MedianFilter, radius=(1, 2, 3, 4, 6, 9, 13)),
+        "median": usual(MedianFilter, radius=(1, 2, 3, 4, 6, 9, 13, 19, 27)),
         "Hampel": usual(HampelFilter, radius=(2, 3, 5), n_sigmas=(3.0, 5.0, 8.0)),
         "principal components": usual(
             PrincipalComponentFilter, components=(2, 4, 6, 9, 13, 18, 26, 36)
