@@ -7,6 +7,7 @@ from torchquat import (
     GaussianFilter,
     LiftingDenoiser,
     LinearFilter,
+    LocalSpectrumFilter,
     NonLocalPoseMeans,
 )
 
@@ -19,6 +20,8 @@ SYMMETRIC: dict[str, nn.Module] = {
     "bilateral-exponential": BilateralFilter(1.5, 0.5, kernel="exponential"),
     "bilateral-per-joint": BilateralFilter([1.0, 1.5, 2.0], 0.5, boundary="replicate"),
     "nonlocal-joint": NonLocalPoseMeans(0.3, patch_radius=1, search_radius=4, groups="joint"),
+    "local-spectrum": LocalSpectrumFilter(),
+    "local-spectrum-short": LocalSpectrumFilter(6, sigma=0.2),
 }
 CAUSAL: dict[str, nn.Module] = {
     "gaussian-causal": GaussianFilter(1.5, causal=True),

@@ -10,6 +10,7 @@ from torchquat import (
     GaussianFilter,
     LiftingDenoiser,
     LinearFilter,
+    LocalSpectrumFilter,
     NonLocalPoseMeans,
     so3,
 )
@@ -19,6 +20,8 @@ FILTERS = {
     "linear": LinearFilter([-0.1, 1.2, -0.1], boundary="extrapolate"),
     "bilateral": BilateralFilter(0.6, 0.5, iterations=2),
     "bilateral-exponential-causal": BilateralFilter(0.6, 0.5, kernel="exponential", causal=True),
+    "local-spectrum": LocalSpectrumFilter(),
+    "local-spectrum-short": LocalSpectrumFilter(4, sigma=0.2),
     "nonlocal": NonLocalPoseMeans(0.2, patch_radius=1, search_radius=2),
     "lifting": LiftingDenoiser("squad", levels=1),
     "lifting-sure": LiftingDenoiser("haar", levels=1, rule="sure"),

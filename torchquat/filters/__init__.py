@@ -30,6 +30,7 @@ from torchquat.filters.shrinkage import (
     LiftingDenoiser,
     lifting_denoiser,
 )
+from torchquat.filters.spectral import LocalSpectrumFilter, local_spectrum_filter
 
 __all__ = [
     "BezierPredict",
@@ -43,6 +44,7 @@ __all__ = [
     "LinearFilter",
     "LinearPredict",
     "LinearUpdate",
+    "LocalSpectrumFilter",
     "NonLocalPoseMeans",
     "Pyramid",
     "SquadPredict",
@@ -51,6 +53,7 @@ __all__ = [
     "gaussian_filter",
     "lifting_denoiser",
     "linear_filter",
+    "local_spectrum_filter",
     "nonlocal_pose_means",
     "salience",
     "scale_details",
