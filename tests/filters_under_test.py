@@ -3,6 +3,7 @@
 from torch import nn
 
 from torchquat import (
+    AutoDenoiser,
     BilateralFilter,
     GaussianFilter,
     LiftingDenoiser,
@@ -20,6 +21,7 @@ SYMMETRIC: dict[str, nn.Module] = {
     "bilateral-exponential": BilateralFilter(1.5, 0.5, kernel="exponential"),
     "bilateral-per-joint": BilateralFilter([1.0, 1.5, 2.0], 0.5, boundary="replicate"),
     "nonlocal-joint": NonLocalPoseMeans(0.3, patch_radius=1, search_radius=4, groups="joint"),
+    "auto": AutoDenoiser(),
     "local-spectrum": LocalSpectrumFilter(),
     "local-spectrum-short": LocalSpectrumFilter(6, sigma=0.2),
 }

@@ -6,6 +6,7 @@ from motions import IDENTITY, assert_same_rotation, smooth_motion
 from torch import nn
 
 from torchquat import (
+    AutoDenoiser,
     BilateralFilter,
     GaussianFilter,
     LiftingDenoiser,
@@ -20,6 +21,7 @@ FILTERS = {
     "linear": LinearFilter([-0.1, 1.2, -0.1], boundary="extrapolate"),
     "bilateral": BilateralFilter(0.6, 0.5, iterations=2),
     "bilateral-exponential-causal": BilateralFilter(0.6, 0.5, kernel="exponential", causal=True),
+    "auto": AutoDenoiser(),
     "local-spectrum": LocalSpectrumFilter(),
     "local-spectrum-short": LocalSpectrumFilter(4, sigma=0.2),
     "nonlocal": NonLocalPoseMeans(0.2, patch_radius=1, search_radius=2),

@@ -2,6 +2,7 @@
 
 from torchquat import io, metrics, noise, so3
 from torchquat.filters import (
+    AutoDenoiser,
     BezierPredict,
     BilateralFilter,
     GaussianFilter,
@@ -19,6 +20,7 @@ from torchquat.filters import (
     SquadPredict,
     bilateral_filter,
     compress,
+    denoise,
     gaussian_filter,
     lifting_denoiser,
     linear_filter,
@@ -32,6 +34,7 @@ from torchquat.missing import fill_missing, validity
 from torchquat.skeleton import Skeleton
 
 __all__ = [
+    "AutoDenoiser",
     "BezierPredict",
     "BilateralFilter",
     "GaussianFilter",
@@ -50,6 +53,7 @@ __all__ = [
     "SquadPredict",
     "bilateral_filter",
     "compress",
+    "denoise",
     "fill_missing",
     "gaussian_filter",
     "io",

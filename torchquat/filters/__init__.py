@@ -1,5 +1,6 @@
 """Filters on sequences of rotations, one file a family, function and module together."""
 
+from torchquat.filters.auto import AutoDenoiser, denoise
 from torchquat.filters.bilateral import (
     BilateralFilter,
     bilateral_filter,
@@ -33,6 +34,7 @@ from torchquat.filters.shrinkage import (
 from torchquat.filters.spectral import LocalSpectrumFilter, local_spectrum_filter
 
 __all__ = [
+    "AutoDenoiser",
     "BezierPredict",
     "BilateralFilter",
     "GaussianFilter",
@@ -50,6 +52,7 @@ __all__ = [
     "SquadPredict",
     "bilateral_filter",
     "compress",
+    "denoise",
     "gaussian_filter",
     "lifting_denoiser",
     "linear_filter",

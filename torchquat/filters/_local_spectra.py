@@ -29,18 +29,18 @@ def windows_of(frames: int, window: int, like: Tensor) -> Windows:
     hop = max(window // HOPS, 1)
     beyond = frames - size
     pairs = (beyond + 2 * hop - 1) // (2 * hop) + torch.sym_min(beyond, 1)
-    count = torch.sym_max(2 * pairs, 1)
+    count = torch.sym_max(2 * pairs, 2)  # one alone would be multiplied by another kernel
     index = torch.arange(count, device=like.device)
-    gaps = torch.sym_max(count - 1, 1)
-    ahead = index * beyond // gaps
-    back = beyond - (count - 1 - index) * beyond // gaps
+    ahead = index * beyond // (count - 1)
+    back = beyond - (count - 1 - index) * beyond // (count - 1)
     start = torch.where(2 * index < count, ahead, back)
     place = torch.arange(size, device=like.device)
-    middle = (place.to(torch.float64) + 0.5) / size
-    basis = torch.cos(math.pi * place[:, None] * middle) * (2.0 / size) ** 0.5
-    basis = torch.where(place[:, None] == 0, (1.0 / size) ** 0.5, basis)
+    frequency = place.to(torch.float64)
+    middle = (frequency + 0.5) / size
+    basis = torch.cos(math.pi * frequency[:, None] * middle)
+    basis = basis / basis.square().sum(-1, keepdim=True).sqrt()
     taper = torch.sin(math.pi * middle)[:, None]
-    family = _family(place * (64.0 / size))
+    family = _family(frequency * (64.0 / size))
     basis, taper, family = (x.to(like.dtype) for x in (basis, taper, family))
     return Windows(start[:, None] + place, basis, taper, family)
 
@@ -50,7 +50,7 @@ def _family(frequency: Tensor) -> Tensor:
     steepness = torch.tensor(SLOPES, dtype=torch.float64, device=frequency.device)
     low, high, count = LEVELS
     level = torch.linspace(low, high, count, dtype=torch.float64, device=frequency.device)
-    decay = torch.log(frequency.to(torch.float64).clamp(min=0.5))
+    decay = torch.log(frequency.clamp(min=0.5))
     power = torch.exp(level[:, None, None] - steepness[:, None] * decay).flatten(0, 1)
     return torch.where(frequency == 0, CONSTANT, power)
 

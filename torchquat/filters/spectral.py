@@ -11,9 +11,10 @@ from torchquat.filters._bandwidth import Bandwidth, per_joint
 from torchquat.filters._local_spectra import Windows, shrunk, windows_of
 from torchquat.filters._moving_frame import path_of, rough_motion
 
-__all__ = ["LocalSpectrumFilter", "local_spectrum_filter"]
+__all__ = ["LocalSpectrumFilter", "denoised", "local_spectrum_filter", "noise_level"]
 
 ROUGH_RADIUS = 4  # [frames]
+STEP = 2.0**-20  # of estimated noise [rad]; below half of it there is none
 
 
 def local_spectrum_filter(
@@ -54,13 +55,9 @@ def local_spectrum_filter(
     prepared, confidence = timeline.prepare(q, weight)
     if q.numel() == 0:
         return prepared.to(q.dtype)
-    if sigma is None:
-        level = noise.estimate_sigma(prepared.detach(), confidence)
-    else:
-        level = torch.as_tensor(per_joint("sigma", sigma, prepared), dtype=prepared.dtype)
-        level = level.detach().to(prepared).expand(prepared.shape[-2])
+    level = noise_level(prepared, confidence, sigma)
     with torch.autocast(q.device.type, enabled=False):
-        result = _denoised(prepared, confidence, level, window)
+        result = denoised(prepared, confidence, level, window)
     return timeline.restore(result, prepared, q)
 
 
@@ -87,13 +84,25 @@ class LocalSpectrumFilter(nn.Module):
         return f"window={self.window}, sigma={None if self.sigma is None else self.sigma.tolist()}"
 
 
-def _denoised(q: Tensor, weight: Tensor | None, sigma: Tensor, window: int) -> Tensor:
+def noise_level(q: Tensor, weight: Tensor | None, sigma: Bandwidth | None) -> Tensor:
+    """Noise of every joint [rad], given or estimated, ``(..., J)``.
+
+    An estimate is rounded: its last digits depend on what else is in the batch.
+    """
+    if sigma is not None:
+        given = torch.as_tensor(per_joint("sigma", sigma, q), device=q.device).detach()
+        return given.to(q.dtype).expand(*q.shape[:-3], q.shape[-2])
+    return (noise.estimate_sigma(q.detach(), weight) / STEP).round() * STEP
+
+
+def denoised(q: Tensor, weight: Tensor | None, sigma: Tensor, window: int) -> Tensor:
     """Both passes; joints without noise stay as they are."""
     noisy = (sigma > 0)[..., None, :, None]
     scale = torch.where(sigma > 0, sigma, 1.0)[..., None, :, None]
     trust = None
     if weight is not None:
         largest = weight.amax(-2, keepdim=True)
+        noisy = noisy & (largest > 0)[..., None]
         trust = (weight / torch.where(largest > 0, largest, 1.0))[..., None].detach()
     windows = windows_of(q.shape[-3], window, q)
     with torch.no_grad():
@@ -104,10 +113,8 @@ def _denoised(q: Tensor, weight: Tensor | None, sigma: Tensor, window: int) -> T
         motion = so3.turn(motion, scale * move)
         path = path_of(motion) / scale
     away = _away(q, motion, trust) / scale
-    turned = [torch.einsum("...tjc,...jcd->...tjd", x, axes) for x in (away, path)]
-    move = _over_windows(turned[0], turned[1], windows, 1)
-    move = scale * torch.einsum("...tjd,...jcd->...tjc", move, axes)
-    return torch.where(noisy, so3.turn(motion, move), q)
+    move = _over_windows(_along(away, axes), _along(path, axes), windows, 1)
+    return torch.where(noisy, so3.turn(motion, scale * _along(move, axes.mT)), q)
 
 
 def _away(q: Tensor, motion: Tensor, trust: Tensor | None) -> Tensor:
@@ -121,8 +128,13 @@ def _over_windows(away: Tensor, path: Tensor, windows: Windows, together: int) -
     return shrunk(seen, known, windows, together).reshape(away.shape)
 
 
+def _along(v: Tensor, axes: Tensor) -> Tensor:
+    """Components of vectors ``(..., T, J, 3)`` along the columns of ``(..., J, 3, 3)``."""
+    return (v[..., None] * axes[..., None, :, :, :]).sum(-2)
+
+
 def _main_axes(path: Tensor) -> Tensor:
     """Principal axes ``(..., J, 3, 3)`` of the steps of a path, one a column."""
     frame = torch.arange(path.shape[-3], device=path.device)
     step = path - path.index_select(-3, (frame - 1).clamp(min=0))
-    return torch.linalg.eigh(torch.einsum("...tja,...tjb->...jab", step, step))[1]
+    return torch.linalg.eigh((step[..., None] * step[..., None, :]).sum(-4))[1]
