@@ -11,6 +11,7 @@ __all__ = ["Windows", "shrunk", "windows_of"]
 HOPS = 8  # windows over every frame
 SLOPES = (2.0, 3.0, 4.0, 5.0, 6.0)  # exponents of the power laws
 LEVELS = (-4.0, 20.0, 25)  # logarithms of their power, in units of the noise: from, to, how many
+EVEN = 8  # columns at a time
 CONSTANT = 1e6  # prior power of a window's mean, which noise must not shrink
 
 
@@ -80,10 +81,9 @@ def shrunk(x: Tensor, path: Tensor, windows: Windows, together: int) -> Tensor:
     known = path.index_select(1, places).reshape(-1, size, channels)
     known = known - known.mean(1, keepdim=True)
     seen = x.index_select(1, places).reshape(-1, size, channels)
-    basis = windows.basis.expand(known.shape[0], -1, -1)
-    coefficients = torch.bmm(basis, known + seen)
+    coefficients = _times(windows.basis, known + seen)
     gain = _gains(coefficients.detach(), windows.family, together)
-    change = torch.bmm(basis.mT, gain * coefficients) - known
+    change = _times(windows.basis.mT, gain * coefficients) - known
     ahead = (windows.taper * change).reshape(batch, -1, channels)
     weight = windows.taper.expand(windows.frame.shape[0], -1, -1).reshape(-1, 1)
     total = torch.zeros_like(x).index_add(1, places, ahead)
@@ -92,11 +92,18 @@ def shrunk(x: Tensor, path: Tensor, windows: Windows, together: int) -> Tensor:
 
 def _gains(coefficients: Tensor, family: Tensor, together: int) -> Tensor:
     """Mean Wiener gains ``(N, W, C)`` under the evidence of each window and channel."""
-    count, _, channels = coefficients.shape
     noisy = family + 1.0
-    misfit = torch.bmm((1.0 / noisy).expand(count, -1, -1), coefficients.square())
-    misfit = misfit.unflatten(-1, (-1, together)).sum(-1)
-    score = -0.5 * (misfit + together * torch.log(noisy).sum(-1)[:, None])
-    belief = torch.softmax(score, 1)
-    gain = torch.bmm((family / noisy).mT.expand(count, -1, -1), belief)
-    return gain.repeat_interleave(together, -1).reshape(count, -1, channels)
+    power = coefficients.square().unflatten(-1, (-1, together)).sum(-1)
+    misfit = _times(1.0 / noisy, power) + together * torch.log(noisy).sum(-1)[:, None]
+    gain = _times((family / noisy).mT, torch.softmax(-0.5 * misfit, 1))
+    return gain.repeat_interleave(together, -1)
+
+
+def _times(matrix: Tensor, x: Tensor) -> Tensor:
+    """One matrix ``(M, W)`` times each of ``(N, W, C)``, to the same bits whatever N is.
+
+    Products of rows that end at odd places in memory would depend on where they lie.
+    """
+    columns = x.shape[-1]
+    even = torch.nn.functional.pad(x, (0, -columns % EVEN))
+    return torch.bmm(matrix.expand(x.shape[0], -1, -1), even)[..., :columns]

@@ -14,7 +14,7 @@ from torchquat.filters._moving_frame import path_of, rough_motion
 __all__ = ["LocalSpectrumFilter", "denoised", "local_spectrum_filter", "noise_level"]
 
 ROUGH_RADIUS = 4  # [frames]
-STEP = 2.0**-20  # of estimated noise [rad]; below half of it there is none
+STEP = 2.0**-8  # of the digits of estimated noise, 1/2 to 1
 
 
 def local_spectrum_filter(
@@ -92,7 +92,8 @@ def noise_level(q: Tensor, weight: Tensor | None, sigma: Bandwidth | None) -> Te
     if sigma is not None:
         given = torch.as_tensor(per_joint("sigma", sigma, q), device=q.device).detach()
         return given.to(q.dtype).expand(*q.shape[:-3], q.shape[-2])
-    return (noise.estimate_sigma(q.detach(), weight) / STEP).round() * STEP
+    digits, exponent = torch.frexp(noise.estimate_sigma(q.detach(), weight))
+    return torch.ldexp((digits / STEP).round() * STEP, exponent)
 
 
 def denoised(q: Tensor, weight: Tensor | None, sigma: Tensor, window: int) -> Tensor:
