@@ -3,6 +3,7 @@
 from torch import nn
 
 from torchquat import (
+    AutoDenoiser,
     BilateralFilter,
     ButterworthFilter,
     GaussianFilter,
@@ -11,6 +12,7 @@ from torchquat import (
     KernelPCAFilter,
     LiftingDenoiser,
     LinearFilter,
+    LocalSpectrumFilter,
     MedianFilter,
     MovingMeanFilter,
     NonLocalPoseMeans,
@@ -38,6 +40,9 @@ SYMMETRIC: dict[str, nn.Module] = {
     "median": MedianFilter(2),
     "median-truncate": MedianFilter(1, boundary="truncate"),
     "hampel": HampelFilter(2, 1.0),
+    "auto": AutoDenoiser(),
+    "local-spectrum": LocalSpectrumFilter(),
+    "local-spectrum-short": LocalSpectrumFilter(6, sigma=0.2),
 }
 CAUSAL: dict[str, nn.Module] = {
     "gaussian-causal": GaussianFilter(1.5, causal=True),

@@ -6,10 +6,12 @@ from motions import IDENTITY, assert_same_rotation, smooth_motion
 from torch import nn
 
 from torchquat import (
+    AutoDenoiser,
     BilateralFilter,
     GaussianFilter,
     LiftingDenoiser,
     LinearFilter,
+    LocalSpectrumFilter,
     NonLocalPoseMeans,
     so3,
 )
@@ -19,6 +21,9 @@ FILTERS = {
     "linear": LinearFilter([-0.1, 1.2, -0.1], boundary="extrapolate"),
     "bilateral": BilateralFilter(0.6, 0.5, iterations=2),
     "bilateral-exponential-causal": BilateralFilter(0.6, 0.5, kernel="exponential", causal=True),
+    "auto": AutoDenoiser(),
+    "local-spectrum": LocalSpectrumFilter(),
+    "local-spectrum-short": LocalSpectrumFilter(4, sigma=0.2),
     "nonlocal": NonLocalPoseMeans(0.2, patch_radius=1, search_radius=2),
     "lifting": LiftingDenoiser("squad", levels=1),
     "lifting-sure": LiftingDenoiser("haar", levels=1, rule="sure"),

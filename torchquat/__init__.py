@@ -2,6 +2,7 @@
 
 from torchquat import io, metrics, noise, so3
 from torchquat.filters import (
+    AutoDenoiser,
     BezierPredict,
     BilateralFilter,
     ButterworthFilter,
@@ -17,6 +18,7 @@ from torchquat.filters import (
     LinearFilter,
     LinearPredict,
     LinearUpdate,
+    LocalSpectrumFilter,
     MedianFilter,
     MovingMeanFilter,
     NonLocalPoseMeans,
@@ -28,12 +30,14 @@ from torchquat.filters import (
     bilateral_filter,
     butterworth_filter,
     compress,
+    denoise,
     gaussian_filter,
     hampel_filter,
     kalman_smoother,
     kernel_pca_filter,
     lifting_denoiser,
     linear_filter,
+    local_spectrum_filter,
     median_filter,
     moving_mean_filter,
     nonlocal_pose_means,
@@ -48,6 +52,7 @@ from torchquat.missing import fill_missing, validity
 from torchquat.skeleton import Skeleton
 
 __all__ = [
+    "AutoDenoiser",
     "BezierPredict",
     "BilateralFilter",
     "ButterworthFilter",
@@ -63,6 +68,7 @@ __all__ = [
     "LinearFilter",
     "LinearPredict",
     "LinearUpdate",
+    "LocalSpectrumFilter",
     "MedianFilter",
     "MovingMeanFilter",
     "NonLocalPoseMeans",
@@ -75,6 +81,7 @@ __all__ = [
     "bilateral_filter",
     "butterworth_filter",
     "compress",
+    "denoise",
     "fill_missing",
     "gaussian_filter",
     "hampel_filter",
@@ -83,6 +90,7 @@ __all__ = [
     "kernel_pca_filter",
     "lifting_denoiser",
     "linear_filter",
+    "local_spectrum_filter",
     "median_filter",
     "metrics",
     "moving_mean_filter",

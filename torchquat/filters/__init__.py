@@ -1,5 +1,6 @@
 """Filters on sequences of rotations, one file a family, function and module together."""
 
+from torchquat.filters.auto import AutoDenoiser, denoise
 from torchquat.filters.bilateral import (
     BilateralFilter,
     bilateral_filter,
@@ -35,6 +36,7 @@ from torchquat.filters.shrinkage import (
     LiftingDenoiser,
     lifting_denoiser,
 )
+from torchquat.filters.spectral import LocalSpectrumFilter, local_spectrum_filter
 from torchquat.filters.subspace import (
     KernelPCAFilter,
     PrincipalComponentFilter,
@@ -44,6 +46,7 @@ from torchquat.filters.subspace import (
 from torchquat.filters.tracking import KalmanSmoother, kalman_smoother
 
 __all__ = [
+    "AutoDenoiser",
     "BezierPredict",
     "BilateralFilter",
     "ButterworthFilter",
@@ -59,6 +62,7 @@ __all__ = [
     "LinearFilter",
     "LinearPredict",
     "LinearUpdate",
+    "LocalSpectrumFilter",
     "MedianFilter",
     "MovingMeanFilter",
     "NonLocalPoseMeans",
@@ -70,12 +74,14 @@ __all__ = [
     "bilateral_filter",
     "butterworth_filter",
     "compress",
+    "denoise",
     "gaussian_filter",
     "hampel_filter",
     "kalman_smoother",
     "kernel_pca_filter",
     "lifting_denoiser",
     "linear_filter",
+    "local_spectrum_filter",
     "median_filter",
     "moving_mean_filter",
     "nonlocal_pose_means",

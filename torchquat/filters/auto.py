@@ -1,0 +1,68 @@
+"""The one call for people who want no parameters."""
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from torchquat import so3, timeline
+from torchquat.filters.spectral import denoised, noise_level
+
+__all__ = ["AutoDenoiser", "denoise"]
+
+WINDOW = 64  # [frames]
+
+
+def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -> Tensor:
+    """Remove the noise of a motion, whatever there is, and leave what is clean.
+
+    The noise of every joint is estimated from the motion itself.
+
+    Args:
+        q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
+        weight: Confidence ``(..., T, J)``, >= 0; 0 marks a missing frame.
+        strength: How far to go from the input to the result along the geodesic between them, in
+            [0, 1]; 0 gives the input back bit for bit.
+
+    Returns:
+        Unit quaternions ``(..., T, J, 4)``. Derivatives take what was estimated as given.
+
+    Raises:
+        TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
+        ValueError: If a shape or range is invalid.
+    """
+    _check_strength(strength)
+    prepared, confidence = timeline.prepare(q, weight)
+    if q.numel() == 0 or strength == 0:
+        return q.clone()
+    with torch.autocast(q.device.type, enabled=False):
+        # what is wrong rather than noisy is to be found and repaired here: q, weight -> q, weight
+        level = noise_level(prepared, confidence, None)
+        result = denoised(prepared, confidence, level, WINDOW)
+        if strength != 1:
+            result = so3.slerp(prepared, result, strength)
+    return timeline.restore(result, prepared, q)
+
+
+class AutoDenoiser(nn.Module):
+    """Module form of :func:`denoise`; arguments as there."""
+
+    def __init__(self, strength: float = 1.0) -> None:
+        super().__init__()
+        _check_strength(strength)
+        self.strength = strength
+
+    def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
+        """Denoise unit quaternions ``(..., T, J, 4)``."""
+        return denoise(q, weight, strength=self.strength)
+
+    def extra_repr(self) -> str:
+        """How much is done."""
+        return f"strength={self.strength}"
+
+
+def _check_strength(strength: float) -> None:
+    if isinstance(strength, bool) or not isinstance(strength, int | float):
+        raise TypeError(f"strength must be a number, got {strength!r}.")
+    if not (math.isfinite(strength) and 0 <= strength <= 1):
+        raise ValueError(f"strength must lie in [0, 1], got {strength!r}.")

@@ -1,0 +1,141 @@
+"""Empirical-Bayes shrinkage of local spectra."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from torchquat import noise, so3, timeline
+from torchquat._checks import check_count, check_positive
+from torchquat.filters._bandwidth import Bandwidth, per_joint
+from torchquat.filters._local_spectra import Windows, shrunk, windows_of
+from torchquat.filters._moving_frame import path_of, rough_motion
+
+__all__ = ["LocalSpectrumFilter", "denoised", "local_spectrum_filter", "noise_level"]
+
+ROUGH_RADIUS = 4  # [frames]
+STEP = 2.0**-8  # of the digits of estimated noise, 1/2 to 1
+
+
+def local_spectrum_filter(
+    q: Tensor,
+    weight: Tensor | None = None,
+    *,
+    window: int = 64,
+    sigma: Bandwidth | None = None,
+) -> Tensor:
+    r"""Keep of every window's spectrum what stands out of the noise.
+
+    The rotations become vectors about a smooth motion near them, are divided by the noise of their
+    joint, cut into overlapping windows and turned into cosine coefficients. Motion has the spectrum
+    of a power law, :math:`s_k = e^a k^{-p}`, of a level and a steepness that every window and axis
+    finds for itself: Wiener's gains :math:`s_k / (s_k + 1)` are averaged over all, by how well each
+    explains the coefficients. The first pass takes the three axes of a joint alike; the second one
+    starts from its result and takes each of the main axes of its movement alone.
+
+    Args:
+        q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
+        weight: Confidence ``(..., T, J)``, >= 0; 0 marks a missing frame. A frame of half the
+            largest weight of its joint counts as one of twice the noise power.
+        window: Length of a window [frames], >= 2.
+        sigma: Standard deviation of each component of the noise [rad], > 0; one value or one per
+            joint. ``None``: :func:`torchquat.noise.estimate_sigma`.
+
+    Returns:
+        Unit quaternions ``(..., T, J, 4)``. Derivatives take gains, axes and the noise as given:
+        they are those of the linear filter that the data have chosen.
+
+    Raises:
+        TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
+        ValueError: If a shape or range is invalid.
+    """
+    check_count("window", window, 2)
+    if sigma is not None:
+        check_positive("sigma", sigma)
+    prepared, confidence = timeline.prepare(q, weight)
+    if q.numel() == 0:
+        return prepared.to(q.dtype)
+    level = noise_level(prepared, confidence, sigma)
+    with torch.autocast(q.device.type, enabled=False):
+        result = denoised(prepared, confidence, level, window)
+    return timeline.restore(result, prepared, q)
+
+
+class LocalSpectrumFilter(nn.Module):
+    """Module form of :func:`local_spectrum_filter`; arguments as there."""
+
+    sigma: Tensor | None
+
+    def __init__(self, window: int = 64, *, sigma: float | Sequence[float] | None = None) -> None:
+        super().__init__()
+        check_count("window", window, 2)
+        if sigma is not None:
+            check_positive("sigma", sigma)
+        self.window = window
+        given = None if sigma is None else torch.as_tensor(sigma, dtype=torch.float64)
+        self.register_buffer("sigma", given)
+
+    def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
+        """Filter unit quaternions ``(..., T, J, 4)``."""
+        return local_spectrum_filter(q, weight, window=self.window, sigma=self.sigma)
+
+    def extra_repr(self) -> str:
+        """Window and noise."""
+        return f"window={self.window}, sigma={None if self.sigma is None else self.sigma.tolist()}"
+
+
+def noise_level(q: Tensor, weight: Tensor | None, sigma: Bandwidth | None) -> Tensor:
+    """Noise of every joint [rad], given or estimated, ``(..., J)``.
+
+    An estimate is rounded: its last digits depend on what else is in the batch.
+    """
+    if sigma is not None:
+        given = torch.as_tensor(per_joint("sigma", sigma, q), device=q.device).detach()
+        return given.to(q.dtype).expand(*q.shape[:-3], q.shape[-2])
+    digits, exponent = torch.frexp(noise.estimate_sigma(q.detach(), weight))
+    return torch.ldexp((digits / STEP).round() * STEP, exponent)
+
+
+def denoised(q: Tensor, weight: Tensor | None, sigma: Tensor, window: int) -> Tensor:
+    """Both passes; joints without noise stay as they are."""
+    noisy = (sigma > 0)[..., None, :, None]
+    scale = torch.where(sigma > 0, sigma, 1.0)[..., None, :, None]
+    trust = None
+    if weight is not None:
+        largest = weight.amax(-2, keepdim=True)
+        noisy = noisy & (largest > 0)[..., None]
+        trust = (weight / torch.where(largest > 0, largest, 1.0))[..., None].detach()
+    windows = windows_of(q.shape[-3], window, q)
+    with torch.no_grad():
+        motion = rough_motion(q, ROUGH_RADIUS)
+        path, away = path_of(motion) / scale, _away(q, motion, trust) / scale
+        move = _over_windows(away, path, windows, 3)
+        axes = _main_axes(path + move)
+        motion = so3.turn(motion, scale * move)
+        path = path_of(motion) / scale
+    away = _away(q, motion, trust) / scale
+    move = _over_windows(_along(away, axes), _along(path, axes), windows, 1)
+    return torch.where(noisy, so3.turn(motion, scale * _along(move, axes.mT)), q)
+
+
+def _away(q: Tensor, motion: Tensor, trust: Tensor | None) -> Tensor:
+    """Rotation vectors from a motion to the data; what is not believed lies on the motion."""
+    away = so3.between(motion, q)
+    return away if trust is None else trust * away
+
+
+def _over_windows(away: Tensor, path: Tensor, windows: Windows, together: int) -> Tensor:
+    seen, known = (x.reshape(-1, x.shape[-3], x.shape[-2] * 3) for x in (away, path))
+    return shrunk(seen, known, windows, together).reshape(away.shape)
+
+
+def _along(v: Tensor, axes: Tensor) -> Tensor:
+    """Components of vectors ``(..., T, J, 3)`` along the columns of ``(..., J, 3, 3)``."""
+    return (v[..., None] * axes[..., None, :, :, :]).sum(-2)
+
+
+def _main_axes(path: Tensor) -> Tensor:
+    """Principal axes ``(..., J, 3, 3)`` of the steps of a path, one a column."""
+    frame = torch.arange(path.shape[-3], device=path.device)
+    step = path - path.index_select(-3, (frame - 1).clamp(min=0))
+    return torch.linalg.eigh((step[..., None] * step[..., None, :]).sum(-4))[1]
