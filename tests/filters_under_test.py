@@ -8,6 +8,7 @@ from torchquat import (
     LiftingDenoiser,
     LinearFilter,
     NonLocalPoseMeans,
+    OutlierRepair,
 )
 
 SYMMETRIC: dict[str, nn.Module] = {
@@ -19,6 +20,7 @@ SYMMETRIC: dict[str, nn.Module] = {
     "bilateral-exponential": BilateralFilter(1.5, 0.5, kernel="exponential"),
     "bilateral-per-joint": BilateralFilter([1.0, 1.5, 2.0], 0.5, boundary="replicate"),
     "nonlocal-joint": NonLocalPoseMeans(0.3, patch_radius=1, search_radius=4, groups="joint"),
+    "repair": OutlierRepair(),
 }
 CAUSAL: dict[str, nn.Module] = {
     "gaussian-causal": GaussianFilter(1.5, causal=True),

@@ -11,6 +11,7 @@ from torchquat import (
     LiftingDenoiser,
     LinearFilter,
     NonLocalPoseMeans,
+    OutlierRepair,
     so3,
 )
 
@@ -20,6 +21,7 @@ FILTERS = {
     "bilateral": BilateralFilter(0.6, 0.5, iterations=2),
     "bilateral-exponential-causal": BilateralFilter(0.6, 0.5, kernel="exponential", causal=True),
     "nonlocal": NonLocalPoseMeans(0.2, patch_radius=1, search_radius=2),
+    "repair": OutlierRepair(),
     "lifting": LiftingDenoiser("squad", levels=1),
     "lifting-sure": LiftingDenoiser("haar", levels=1, rule="sure"),
     "lifting-bayes": LiftingDenoiser("haar", levels=1, rule="bayes", cycle_spins=2),

@@ -26,6 +26,7 @@ from torchquat.filters.nonlocal_means import (
     NonLocalPoseMeans,
     nonlocal_pose_means,
 )
+from torchquat.filters.repair import OutlierRepair, repair
 from torchquat.filters.shrinkage import (
     LiftingDenoiser,
     lifting_denoiser,
@@ -44,6 +45,7 @@ __all__ = [
     "LinearPredict",
     "LinearUpdate",
     "NonLocalPoseMeans",
+    "OutlierRepair",
     "Pyramid",
     "SquadPredict",
     "bilateral_filter",
@@ -52,6 +54,7 @@ __all__ = [
     "lifting_denoiser",
     "linear_filter",
     "nonlocal_pose_means",
+    "repair",
     "salience",
     "scale_details",
     "stored_share",
