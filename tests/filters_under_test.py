@@ -17,6 +17,7 @@ from torchquat import (
     MovingMeanFilter,
     NonLocalPoseMeans,
     OneEuroFilter,
+    OutlierRepair,
     PrincipalComponentFilter,
     SavitzkyGolayFilter,
 )
@@ -43,6 +44,7 @@ SYMMETRIC: dict[str, nn.Module] = {
     "auto": AutoDenoiser(),
     "local-spectrum": LocalSpectrumFilter(),
     "local-spectrum-short": LocalSpectrumFilter(6, sigma=0.2),
+    "repair": OutlierRepair(),
 }
 CAUSAL: dict[str, nn.Module] = {
     "gaussian-causal": GaussianFilter(1.5, causal=True),

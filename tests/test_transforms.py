@@ -13,6 +13,7 @@ from torchquat import (
     LinearFilter,
     LocalSpectrumFilter,
     NonLocalPoseMeans,
+    OutlierRepair,
     so3,
 )
 
@@ -25,6 +26,7 @@ FILTERS = {
     "local-spectrum": LocalSpectrumFilter(),
     "local-spectrum-short": LocalSpectrumFilter(4, sigma=0.2),
     "nonlocal": NonLocalPoseMeans(0.2, patch_radius=1, search_radius=2),
+    "repair": OutlierRepair(),
     "lifting": LiftingDenoiser("squad", levels=1),
     "lifting-sure": LiftingDenoiser("haar", levels=1, rule="sure"),
     "lifting-bayes": LiftingDenoiser("haar", levels=1, rule="bayes", cycle_spins=2),

@@ -30,6 +30,7 @@ from torchquat.filters.nonlocal_means import (
     nonlocal_pose_means,
 )
 from torchquat.filters.one_euro import OneEuroFilter, one_euro_filter
+from torchquat.filters.repair import OutlierRepair, repair
 from torchquat.filters.robust import HampelFilter, MedianFilter, hampel_filter, median_filter
 from torchquat.filters.savitzky_golay import SavitzkyGolayFilter, savitzky_golay_filter
 from torchquat.filters.shrinkage import (
@@ -67,6 +68,7 @@ __all__ = [
     "MovingMeanFilter",
     "NonLocalPoseMeans",
     "OneEuroFilter",
+    "OutlierRepair",
     "PrincipalComponentFilter",
     "Pyramid",
     "SavitzkyGolayFilter",
@@ -87,6 +89,7 @@ __all__ = [
     "nonlocal_pose_means",
     "one_euro_filter",
     "principal_component_filter",
+    "repair",
     "salience",
     "savitzky_golay_filter",
     "scale_details",

@@ -1,0 +1,79 @@
+"""Repair of what is not noise but wrong: wild samples, and frames that are missing."""
+
+from functools import reduce
+
+import torch
+from torch import Tensor, nn
+
+from torchquat import missing, timeline
+from torchquat.filters._kriging import REACH, aligned, predict, spread
+from torchquat.filters._outliers import find_outliers
+
+__all__ = ["OutlierRepair", "repair"]
+
+
+def repair(
+    q: Tensor, weight: Tensor | None = None, *, sigma: float | Tensor | None = None
+) -> tuple[Tensor, Tensor]:
+    r"""Find the samples of a joint that its other frames contradict, and replace them.
+
+    Every frame is predicted from those within four frames to each side, without itself,
+
+    .. math::
+        p_t \propto \sum_{0 < |k| \le 4} w_k(g)\, q_{t+k}, \quad
+        e_t = d(p_t, q_t)
+
+    with the weights of the best linear prediction, which depend on the pattern :math:`g` of good
+    neighbours and on how much noise the joint has. An error :math:`e_t` is compared with the mean
+    of those of the good frames around it, scaled by the variance to be expected of that pattern.
+    The largest errors are flagged first and left out of what predicts the others; then all are
+    judged again, flagged ones too. Where a joint has outliers beyond doubt, lesser ones are
+    believed as well; where it has hardly any, a burst of motion is taken for what it is.
+
+    Args:
+        q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
+        weight: Confidence ``(..., T, J)``, >= 0; 0 marks a missing frame.
+        sigma: Noise of every joint, if it is known, as in :func:`torchquat.noise.gaussian` [rad],
+            >= 0; one value or one per joint. Errors of that size are never flagged.
+
+    Returns:
+        Unit quaternions ``(..., T, J, 4)``, those good only normalised, others replaced; and
+        confidences ``(..., T, J)``: those given, 0 where a sample was replaced. Both in the dtype
+        of ``q``. What is flagged is a constant to gradients.
+
+    Raises:
+        TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
+        ValueError: If a shape or device does not fit.
+
+    Reference:
+        Prediction: Matheron, "Principles of Geostatistics", Economic Geology 1963 (kriging).
+    """
+    prepared, confidence = timeline.prepare(q, weight)
+    if confidence is None:
+        confidence = torch.ones_like(prepared[..., 0])
+    present = confidence > 0
+    known = None if sigma is None else torch.as_tensor(sigma, dtype=prepared.dtype).to(prepared)
+    with torch.no_grad():
+        found = find_outliers(prepared.detach(), present, known)
+    good = found.good
+    result = _filled(prepared, good, found.level)
+    return timeline.restore(result, prepared, q), torch.where(good, confidence, 0.0).to(q.dtype)
+
+
+class OutlierRepair(nn.Module):
+    """Module form of :func:`repair`, without the confidences."""
+
+    def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
+        """Repair unit quaternions ``(..., T, J, 4)``."""
+        return repair(q, weight)[0]
+
+
+def _filled(q: Tensor, good: Tensor, level: Tensor) -> Tensor:
+    """What is good, and in place of the rest what its neighbours predict."""
+    near = spread(good, REACH)
+    before, after = reduce(torch.logical_or, near[:REACH]), reduce(torch.logical_or, near[-REACH:])
+    # further off, a cubic through few frames swings out more than the geodesic errs
+    reached = (before & after) | near[REACH - 1] | near[REACH + 1]
+    smooth = predict(aligned(torch.where(good[..., None], q, q.detach()), good), good, level).q
+    rest = torch.where(reached[..., None], smooth, missing.interpolate(q, good))
+    return torch.where(good[..., None], q, rest)
