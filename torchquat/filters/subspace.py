@@ -263,7 +263,7 @@ def _projected(
     # below this an eigenvalue is rounding, and one over it noise
     present = known > 1e-10 * known.amax(-1, keepdim=True).clamp(min=1e-10)
     values = leading(known, components) * present / torch.where(present, known, 1.0)
-    inverse = of_eigenvalues(scaled, (known, basis), values)
+    inverse = of_eigenvalues(scaled, (known, basis), values, -values.square())
     own = (outer * root[:, None]) @ inverse * root[:, None]
     return own + share[:, None] * (1.0 - own.sum(-1, keepdim=True))
 
