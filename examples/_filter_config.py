@@ -13,13 +13,20 @@ from torch import nn
 
 import torchquat
 
-__all__ = ["FilterConfig", "in_frames", "read_config"]
+__all__ = ["FilterConfig", "filter_names", "in_frames", "read_config"]
 
-TIMES = ("sigma_t", "radius", "patch_radius", "search_radius")
+TIMES = ("sigma_t", "radius", "patch_radius", "search_radius", "window")
 """Arguments in frames: ``25ms`` and ``0.1s`` are converted with the frame rate of the file."""
 
 FREQUENCIES = ("cutoff", "min_cutoff", "d_cutoff")
-"""Arguments in cycles per frame: ``6Hz`` is converted."""
+"""Arguments in cycles per frame: ``6Hz`` is converted.
+
+A filter that has a ``frame_rate`` is given that of the file, and takes them in Hz, with or without
+the unit.
+"""
+
+TRIAL_RATE = 1000.0
+"""Wrong values are found at this frame rate [1/s]: at a low one, right ones would be too short."""
 
 _QUANTITY = re.compile(r"([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*(ms|s|Hz)?")
 _SECONDS = {"ms": 1e-3, "s": 1.0}
@@ -46,7 +53,7 @@ class FilterConfig:
                 raise ValueError(
                     f"{self.origin}: filter.init_args.{key}: expected one of {', '.join(valid)}"
                 )
-        self.build(frame_rate=1.0)  # a wrong value is an error before the first file is read
+        self.build(TRIAL_RATE)  # a wrong value is an error before the first file is read
 
     def build(self, frame_rate: float) -> nn.Module:
         """The filter for files of a frame rate [1/s].
@@ -55,10 +62,15 @@ class FilterConfig:
             ValueError: If an argument is out of its range.
         """
         parameters = inspect.signature(self._class()).parameters
+        given = dict(self.init_args)
+        if "frame_rate" in parameters:
+            given.setdefault("frame_rate", frame_rate)
         arguments = {}
-        for key, value in self.init_args.items():
+        for key, value in given.items():
             try:
                 arguments[key] = in_frames(key, value, frame_rate)
+                if key in FREQUENCIES and _has_unit(value) and "frame_rate" in parameters:
+                    arguments[key] *= float(given["frame_rate"])
             except ValueError as error:
                 raise ValueError(f"{self.origin}: filter.init_args.{key}: {error}") from None
             if arguments[key] is not value and "int" in str(parameters[key].annotation):
@@ -76,7 +88,7 @@ class FilterConfig:
             raise ValueError(f"{self.origin}: filter.class_path: {error}") from None
         if not (isinstance(found, type) and issubclass(found, nn.Module)):
             raise ValueError(
-                f"{self.origin}: filter.class_path: expected one of {', '.join(_filters())}, "
+                f"{self.origin}: filter.class_path: expected one of {', '.join(filter_names())}, "
                 f"got {self.class_path!r}"
             )
         return found
@@ -137,6 +149,10 @@ def in_frames(key: str, value: Any, frame_rate: float) -> Any:
     raise ValueError(f"expected a number {wanted}, got {value!r}")
 
 
+def _has_unit(value: Any) -> bool:
+    return isinstance(value, str) and not value.strip()[-1:].isdigit()
+
+
 def _mapping(path: Path, name: str, content: Any, keys: tuple[str, ...]) -> dict[str, Any]:
     """A mapping that has the first of ``keys`` and no others."""
     place = f"{path}: {name}".rstrip(": ")
@@ -148,7 +164,7 @@ def _mapping(path: Path, name: str, content: Any, keys: tuple[str, ...]) -> dict
     return content
 
 
-def _filters() -> list[str]:
+def filter_names() -> list[str]:
     """Names of all filters in the package: modules that take rotations and their weight."""
     return [name for name in torchquat.__all__ if _is_filter(getattr(torchquat, name))]
 

@@ -7,12 +7,13 @@ import denoise
 import numpy as np
 import pytest
 import torch
-from _filter_config import in_frames, read_config
+from _filter_config import filter_names, in_frames, read_config
 from bvh_files import one_joint
 from motions import assert_same_rotation, smooth_motion
 
 from torchquat import (
     BilateralFilter,
+    ButterworthFilter,
     LiftingDenoiser,
     NonLocalPoseMeans,
     fill_missing,
@@ -102,6 +103,43 @@ def test_windows_in_time_become_whole_frames():
     assert at_60.groups == "joint"
 
 
+def test_every_filter_has_a_config():
+    shown = {read_config(path).class_path for path in CONFIGS}
+    assert shown == {f"torchquat.{name}" for name in filter_names()}
+
+
+def test_cut_offs_are_those_of_the_file_whatever_its_frame_rate():
+    """A filter with a frame rate gets that of the file; one that is given counts in its own."""
+    config = read_config(ROOT / "configs" / "one_euro.yaml")
+    at_30, at_120 = config.build(30.0), config.build(120.0)
+    assert (at_30.min_cutoff, at_30.d_cutoff, at_30.frame_rate) == (1.0, 1.0, 30.0)
+    assert (at_120.min_cutoff, at_120.frame_rate) == (pytest.approx(1.0), 120.0)
+    path = ROOT / "configs" / "butterworth.yaml"
+    expected = ButterworthFilter(0.1)
+    for arguments in ({}, {"cutoff": 6}, {"frame_rate": 1}, {"cutoff": 0.1, "frame_rate": 1}):
+        own = read_config(path, init_args=arguments).build(60.0)
+        assert own.cutoff / own.frame_rate == pytest.approx(0.1), arguments
+        assert own.radius == expected.radius
+    with pytest.raises(ValueError, match=r"cutoff must be < frame_rate / 2 = 5, got 6"):
+        read_config(path).build(10.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "at_60"),
+    [
+        ("savitzky_golay", "radius", 6),
+        ("median", "radius", 4),
+        ("hampel", "radius", 6),
+        ("local_spectrum", "window", 64),
+    ],
+)
+def test_windows_of_the_other_filters(name, key, at_60):
+    path = ROOT / "configs" / f"{name}.yaml"
+    assert getattr(read_config(path).build(60.0), key) == at_60
+    half_a_second = read_config(path, init_args={key: "0.5s"}).build(60.0)
+    assert getattr(half_a_second, key) == 30
+
+
 def test_an_unknown_class_is_answered_with_all_filters(walk, tmp_path, capsys):
     arguments = ("--filter.class_path", "Bilateral")
     assert run(walk, "--output", tmp_path / "out.npz", *arguments) == 1
@@ -128,6 +166,9 @@ def test_times_are_converted_with_the_frame_rate_of_the_file(walk, motion, tmp_p
         ("sigma_t", 2, 2),
         ("sigma_g", "2e-1", 0.2),
         ("cutoff", "6Hz", 0.1),
+        ("min_cutoff", "1.5 Hz", 0.025),
+        ("d_cutoff", "1e0Hz", 1 / 60),
+        ("window", "1s", 60.0),
         ("boundary", "reflect", "reflect"),
     ],
 )
@@ -164,9 +205,12 @@ def test_configs_and_overrides(walk, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("filter: {class_path: torchquat.Nothing}", "filter.class_path: expected one of AutoDenoiser, BilateralFilter, "),
+        (
+            "filter: {class_path: torchquat.Nothing}",
+            "filter.class_path: expected one of AutoDenoiser",
+        ),
         ("filter: {class_path: nowhere.Filter}", "filter.class_path: No module named 'nowhere'"),
-        ("filter: {class_path: torch.Tensor}", "filter.class_path: expected one of AutoDenoiser, BilateralFilter, "),
+        ("filter: {class_path: torch.Tensor}", "filter.class_path: expected one of AutoDenoiser"),
         ("filter: {init_args: {}}", "filter: expected the key 'class_path'"),
         (
             "filter: {class_path: torchquat.GaussianFilter, args: 1}",

@@ -37,7 +37,8 @@ def one_euro_filter(
     present one count as one long frame; the gap itself holds the last estimate.
 
     The filter is causal, and a recursion: Python steps through the frames, all batch items and
-    joints at once. ``torch.compile`` unrolls these steps, and ``torch.export`` fixes the length.
+    joints at once, in double precision. Known limit: ``torch.compile`` unrolls the steps and
+    compiles for every length, and ``torch.export`` fixes the length; ``torch.func`` is free to use.
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
@@ -62,11 +63,12 @@ def one_euro_filter(
     unit, confidence = timeline.prepare(q, weight, causal=True)
     if unit.shape[-3] == 0:
         return timeline.restore(unit, unit, q)
-    first, *rest = unit.unbind(-3)
+    # in double precision: products of thousands of turns drift off the unit sphere
+    first, *rest = unit.double().unbind(-3)
     velocity, passed = torch.zeros_like(first[..., :3]), None
     trusts = [None] * len(rest)
     if confidence is not None:
-        _, *trusts = confidence.clamp(max=HEAVIEST)[..., None].unbind(-3)
+        _, *trusts = confidence.double().clamp(max=HEAVIEST)[..., None].unbind(-3)
         passed = torch.ones_like(first[..., :1])
     # a tensor: numbers are divided in double precision where no weight makes them tensors
     slow = first.new_tensor(d_cutoff / frame_rate)
@@ -80,7 +82,7 @@ def one_euro_filter(
         estimates.append(so3.turn(estimates[-1], _gain(cutoff, trust, passed) * step))
         if trust is not None and passed is not None:
             passed = torch.where(trust > 0, 1.0, passed + 1.0)
-    result = torch.stack(estimates, -3)
+    result = torch.stack(estimates, -3).to(unit.dtype)
     if confidence is not None:
         # a joint that is missing throughout keeps what it came with
         result = torch.where((confidence > 0).any(-2, keepdim=True)[..., None], result, unit)

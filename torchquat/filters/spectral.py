@@ -90,7 +90,10 @@ def noise_level(q: Tensor, weight: Tensor | None, sigma: Bandwidth | None) -> Te
     An estimate is rounded: its last digits depend on what else is in the batch.
     """
     if sigma is not None:
-        given = torch.as_tensor(per_joint("sigma", sigma, q), device=q.device).detach()
+        # a number would become float32 on its way: 1e-8 of it lost
+        given = torch.as_tensor(
+            per_joint("sigma", sigma, q), dtype=q.dtype, device=q.device
+        ).detach()
         return given.to(q.dtype).expand(*q.shape[:-3], q.shape[-2])
     digits, exponent = torch.frexp(noise.estimate_sigma(q.detach(), weight))
     return torch.ldexp((digits / STEP).round() * STEP, exponent)

@@ -225,7 +225,9 @@ def _in_kernel_space(
     """Anchors ``(N, M, 3 J)`` and what each counts for in a pose's projection ``(N, T, M)``."""
     place = _evenly(chart.points.shape[1], landmarks, chart.points.device)
     anchors = chart.points.index_select(1, place)
-    share = chart.trust.index_select(1, place).mean(-1)
+    # a frame that a compiled program takes several times counts once
+    fresh = place != torch.cat([torch.full_like(place[:1], -1), place[:-1]])
+    share = fresh * chart.trust.index_select(1, place).mean(-1)
     total = share.sum(-1, keepdim=True)
     share = share / torch.where(total > 0, total, 1.0)
     return anchors, _projected(chart.points, anchors, share, width, components)
@@ -263,7 +265,7 @@ def _projected(
     # below this an eigenvalue is rounding, and one over it noise
     present = known > 1e-10 * known.amax(-1, keepdim=True).clamp(min=1e-10)
     values = leading(known, components) * present / torch.where(present, known, 1.0)
-    inverse = of_eigenvalues(scaled, (known, basis), values)
+    inverse = of_eigenvalues(scaled, (known, basis), values, -values.square())
     own = (outer * root[:, None]) @ inverse * root[:, None]
     return own + share[:, None] * (1.0 - own.sum(-1, keepdim=True))
 

@@ -44,8 +44,9 @@ def kalman_smoother(
     corrected by those after it. Before the first and after the last present frame, the estimate
     there is held.
 
-    It is a recursion: Python steps through the frames, all batch items and joints at once.
-    ``torch.compile`` unrolls these steps, and ``torch.export`` fixes the length.
+    It is a recursion: Python steps through the frames, all batch items and joints at once, in
+    double precision. Known limit: ``torch.compile`` unrolls the steps and compiles for every
+    length, and ``torch.export`` fixes the length; ``torch.func`` is free to use.
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
@@ -78,7 +79,9 @@ def kalman_smoother(
     trusts: Sequence[Entry] = [1.0] * unit.shape[-3]
     if confidence is not None:
         trusts = confidence.double().clamp(max=HEAVIEST).unbind(-2)
-    result = torch.stack(_smoothed(unit, gains(trusts, ratio, order), order), -3)
+    # in double precision: weights of many sizes make gains that magnify rounding
+    states = _smoothed(unit.double(), gains(trusts, ratio, order), order)
+    result = torch.stack(states, -3).to(unit.dtype)
     if confidence is not None:
         result = _held(result, unit, confidence > 0)
     return timeline.restore(result, unit, q)
