@@ -9,7 +9,7 @@ from torchquat import missing, timeline
 from torchquat.filters._kriging import REACH, aligned, predict, spread
 from torchquat.filters._outliers import find_outliers
 
-__all__ = ["OutlierRepair", "repair"]
+__all__ = ["OutlierRepair", "mended", "repair"]
 
 
 def repair(
@@ -49,15 +49,9 @@ def repair(
         Prediction: Matheron, "Principles of Geostatistics", Economic Geology 1963 (kriging).
     """
     prepared, confidence = timeline.prepare(q, weight)
-    if confidence is None:
-        confidence = torch.ones_like(prepared[..., 0])
-    present = confidence > 0
     known = None if sigma is None else torch.as_tensor(sigma, dtype=prepared.dtype).to(prepared)
-    with torch.no_grad():
-        found = find_outliers(prepared.detach(), present, known)
-    good = found.good
-    result = _filled(prepared, good, found.level)
-    return timeline.restore(result, prepared, q), torch.where(good, confidence, 0.0).to(q.dtype)
+    result, trust = mended(prepared, confidence, known)
+    return timeline.restore(result, prepared, q), trust.to(q.dtype)
 
 
 class OutlierRepair(nn.Module):
@@ -66,6 +60,15 @@ class OutlierRepair(nn.Module):
     def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
         """Repair unit quaternions ``(..., T, J, 4)``."""
         return repair(q, weight)[0]
+
+
+def mended(q: Tensor, weight: Tensor | None, sigma: Tensor | None) -> tuple[Tensor, Tensor]:
+    """:func:`repair` of a prepared signal, without checks; ``sigma`` as ``(..., 1, J)``."""
+    weight = torch.ones_like(q[..., 0]) if weight is None else weight
+    with torch.no_grad():
+        found = find_outliers(q.detach(), weight > 0, sigma)
+    result = _filled(q, found.good, found.level)
+    return result, torch.where(found.good, weight, 0.0)
 
 
 def _filled(q: Tensor, good: Tensor, level: Tensor) -> Tensor:
