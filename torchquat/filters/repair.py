@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from torchquat import missing, timeline
 from torchquat.filters._kriging import REACH, aligned, predict, spread
 from torchquat.filters._outliers import find_outliers
+from torchquat.filters._pops import undone
 
 __all__ = ["OutlierRepair", "mended", "repair"]
 
@@ -15,7 +16,7 @@ __all__ = ["OutlierRepair", "mended", "repair"]
 def repair(
     q: Tensor, weight: Tensor | None = None, *, sigma: float | Tensor | None = None
 ) -> tuple[Tensor, Tensor]:
-    r"""Find the samples of a joint that its other frames contradict, and replace them.
+    r"""Find the samples of a joint that its other frames contradict, and replace or move them.
 
     Every frame is predicted from those within four frames to each side, without itself,
 
@@ -28,7 +29,12 @@ def repair(
     of those of the good frames around it, scaled by the variance to be expected of that pattern.
     The largest errors are flagged first and left out of what predicts the others; then all are
     judged again, flagged ones too. Where a joint has outliers beyond doubt, lesser ones are
-    believed as well; where it has hardly any, a burst of motion is taken for what it is.
+    believed as well; where it has hardly any, a burst of motion is taken for what it is. What is
+    flagged is replaced.
+
+    Then stretches of up to 15 frames (up to 23 where two overlap) are looked for that begin and end
+    with opposite jumps, larger than 0.3 rad and than the motion around explains. They are moved
+    back: within they keep their shape. The first or last stretch may reach beyond the sequence.
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
@@ -37,9 +43,9 @@ def repair(
             >= 0; one value or one per joint. Errors of that size are never flagged.
 
     Returns:
-        Unit quaternions ``(..., T, J, 4)``, those good only normalised, others replaced; and
-        confidences ``(..., T, J)``: those given, 0 where a sample was replaced. Both in the dtype
-        of ``q``. What is flagged is a constant to gradients.
+        Unit quaternions ``(..., T, J, 4)``, those good only normalised, others replaced or moved;
+        and confidences ``(..., T, J)``: those given, 0 where a sample was replaced. Both in the
+        dtype of ``q``. What is flagged, and how far a stretch is moved, is given to derivatives.
 
     Raises:
         TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
@@ -55,7 +61,7 @@ def repair(
 
 
 class OutlierRepair(nn.Module):
-    """Module form of :func:`repair`, without the confidences."""
+    """Module form of :func:`repair`, for unknown noise and without the confidences."""
 
     def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
         """Repair unit quaternions ``(..., T, J, 4)``."""
@@ -67,7 +73,8 @@ def mended(q: Tensor, weight: Tensor | None, sigma: Tensor | None) -> tuple[Tens
     weight = torch.ones_like(q[..., 0]) if weight is None else weight
     with torch.no_grad():
         found = find_outliers(q.detach(), weight > 0, sigma)
-    result = _filled(q, found.good, found.level)
+    noise = torch.zeros_like(q[..., :1, :, 0]) if sigma is None else sigma
+    result = undone(_filled(q, found.good, found.level), weight > 0, noise)
     return result, torch.where(found.good, weight, 0.0)
 
 
