@@ -27,7 +27,7 @@ LARGEST = 12.0
 LEAST = 0.05  # [rad]: smaller ones do no harm
 BACK = 0.9  # flagged samples come back below this share of the threshold
 # outliers beyond doubt: further off than motion with its bursts goes, or than noise does
-CLEAR, CLEAR_OF_NOISE, CLEAR_ANGLE = 3.0, 1.3, 0.35
+CLEAR, CLEAR_OF_NOISE, CLEAR_ANGLE = 3.0, 2.0, 0.35
 FEW, MANY = 0.006, 0.02  # share of samples beyond doubt, from which on lesser ones are believed
 TAIL = 3.0  # known noise goes no further, in root mean squares
 GESTURE = 0.5  # share of the angle across a gap that a gesture may be off what is predicted
@@ -86,7 +86,8 @@ def _first(q: Tensor, present: Tensor, floor: Tensor) -> Tensor:
     error = torch.full_like(q[..., 0], torch.inf)
     for guess in GUESSES:
         mean = torch.stack(
-            [sum(w * near[2 + lag] for lag, w in guess.items()) for near in around], -1
+            [reduce(torch.add, [w * near[2 + lag] for lag, w in guess.items()]) for near in around],
+            -1,
         )
         known = reduce(torch.logical_and, [there[2 + lag] for lag in guess])
         off = so3.squared_distance(so3.normalize(mean), q)

@@ -4,6 +4,8 @@ A displaced stretch keeps its shape, ``q_t exp(v)``: it is moved back, not fille
 """
 
 import math
+from collections.abc import Iterator
+from functools import reduce
 from typing import NamedTuple
 
 import torch
@@ -70,84 +72,125 @@ def undone(q: Tensor, present: Tensor, noise: Tensor) -> Tensor:
         everything but itself.
     """
     with torch.no_grad():
-        plain = q.detach()
-        jumps = _jumps(plain, present, noise)
+        jumps = _jumps(q.detach(), present, noise)
         if _eager.highest(jumps.inside.to(q.dtype)) == 0.0:
             return q
         away = _displacement(jumps)
-        tail = so3.compose(plain, so3.inverse(away)).flip(-3)
-        head = _displacement(_jumps(tail, present.flip(-2), noise)).flip(-3)
-        away = so3.compose(head, away)
     moved = (away[..., :3].square().sum(-1) > 0)[..., None]
     return torch.where(moved, so3.compose(q, so3.inverse(away)), q)
 
 
 def _displacement(jumps: _Jumps) -> Tensor:
     """Displacements ``(..., T, J, 4)``, the identity where a frame is in its place."""
-    length, rest = _ways_back(jumps)
+    frames = jumps.inside.shape[-2]
+    frame = torch.arange(frames, device=jumps.inside.device)[:, None]
+    at = _places(jumps.inside)
+    back, rest = _ways_back(jumps, at)
+    dense = torch.zeros_like(jumps.inside, dtype=torch.int64).flatten().scatter(0, at, back)
+    back = _first_come(dense.view(jumps.inside.shape))
+    covered = torch.where(back > 0, frame + back, -1).cummax(-2).values
+    free = jumps.ending & (covered < frame)
+    ahead = _first_come(back + _to_the_end(free))
+    away = _placed(jumps.excess, ahead.flatten()[at], rest, at)
+
+    # the same with time reversed, for what begins before the sequence
+    source = (frames - torch.arange(frames, device=frame.device)).clamp(max=frames - 1)
+    free = free.index_select(-2, source) & (frame > 0)
+    ahead = _first_come(_to_the_end(free))
+    at = _places(free)
+    reverse = so3.inverse(jumps.excess.index_select(-3, source))
+    nothing = torch.zeros_like(rest[:1]).expand(at.shape[0], 3)
+    head = _placed(reverse, ahead.flatten()[at], nothing, at)
+    return so3.compose(head.flip(-3), away)
+
+
+def _places(chosen: Tensor) -> Tensor:
+    """Where it is true, of all places; simply all places where values may not be looked at."""
+    if _eager.visible(chosen):
+        return chosen.flatten().nonzero()[:, 0]
+    return torch.arange(chosen.numel(), device=chosen.device)
+
+
+def _first_come(length: Tensor) -> Tensor:
+    """Only those stretches that begin behind the end of all earlier ones."""
     frame = torch.arange(length.shape[-2], device=length.device)[:, None]
-    # the earliest way back wins: it covers what begins on it
-    covered = torch.where(length > 0, frame + length, 0).cummax(-2).values
-    begun = _shifted(covered, -1, 0) < frame
-    length = torch.where(begun, length, 0)
-    way = jumps.excess
-    result = _identity(way)
-    for lag in range(LONGEST):
-        if lag > 0:
-            way = so3.compose(way, _shifted(jumps.excess, lag, 1))
-        share = (lag + 0.5) / length.clamp(min=1).to(way.dtype)
-        here = so3.compose(so3.exp(-share[..., None] * rest), way)
-        result = torch.where(
-            _shifted(length > lag, -lag, 0)[..., None], _shifted(here, -lag, 1), result
-        )
-    return result
+    end = torch.where(length > 0, frame + length, -1).cummax(-2).values
+    before = end.index_select(-2, (frame[:, 0] - 1).clamp(min=0))
+    return torch.where((before < frame) | (frame == 0), length, 0)
 
 
-def _ways_back(jumps: _Jumps) -> tuple[Tensor, Tensor]:
-    """Frames from every jump until jumps have led back, 0 for never; and the rotation vectors left.
+def _to_the_end(chosen: Tensor) -> Tensor:
+    """Frames from there to the end of the sequence; 0 where not chosen, or too far from it."""
+    frames = chosen.shape[-2]
+    left = frames - torch.arange(frames, device=chosen.device)[:, None]
+    return torch.where(chosen & (left <= LONGEST_AT_END) & (3 * left < frames), left, 0)
 
-    A way that the sequence ends on is taken to lead back behind it.
-    """
-    frames = jumps.angle.shape[-2]
-    frame = torch.arange(frames, device=jumps.angle.device)[:, None]
-    length = torch.zeros_like(jumps.inside, dtype=torch.int64)
-    way = jumps.excess
-    rest = torch.zeros_like(way[..., :3])
-    tolerance = torch.maximum(CLOSED * jumps.angle, CLOSED_MOTION * jumps.usual)
-    for lag in range(1, LONGEST + 1):
-        way = so3.compose(way, _shifted(jumps.excess, lag, 1))
+
+def _ways_back(jumps: _Jumps, at: Tensor) -> tuple[Tensor, Tensor]:
+    """Frames from jumps until others have led back, 0 for never; and the rotation vectors left."""
+    angle, usual = jumps.angle.flatten()[at], jumps.usual.flatten()[at]
+    inside = jumps.inside.flatten()
+    bound = torch.maximum(CLOSED * angle, CLOSED_MOTION * usual).square()
+    length = torch.zeros_like(at)
+    rest = torch.zeros_like(bound)[:, None].expand(-1, 3)
+    for lag, way, there, within in _ways(jumps.excess, at, LONGEST):
         left = so3.log(way)
-        back = jumps.inside & _shifted(jumps.inside, lag, 0) & (lag >= SHORTEST)
-        back = back & (left.square().sum(-1) < tolerance.square())
-        rest = torch.where((back & (length == 0))[..., None], left, rest)
-        if lag <= LONGEST_AT_END:
-            back = back | (jumps.ending & (frame + lag == frames) & (3 * lag < frames))
-        length = torch.where(back & (length == 0), lag, length)
+        back = inside[at] & inside[there] & within & (left.square().sum(-1) < bound)
+        back = back & (length == 0) & (lag >= SHORTEST)
+        rest = torch.where(back[:, None], left, rest)
+        length = torch.where(back, lag, length)
     return length, rest
+
+
+def _placed(excess: Tensor, length: Tensor, rest: Tensor, at: Tensor) -> Tensor:
+    """Displacements over stretches from ``at`` on, what is left at their end spread evenly."""
+    places = excess[..., 0].numel()
+    rows, values = [], []
+    for lag, way, there, _ in _ways(excess, at, LONGEST - 1):
+        share = (lag + 0.5) / length.clamp(min=1).to(way.dtype)
+        values.append(so3.compose(so3.exp(-share[:, None] * rest), way))
+        rows.append(torch.where(length > lag, there, places))
+    result = _identity(excess).flatten(0, -2)
+    result = torch.cat([result, result[:1]])  # the last row takes what is to go nowhere
+    result = result.index_copy(0, torch.cat(rows), torch.cat(values))
+    return result[:-1].view(excess.shape)
+
+
+def _ways(excess: Tensor, at: Tensor, longest: int) -> Iterator[tuple[int, Tensor, Tensor, Tensor]]:
+    """Products of the excesses from ``at`` to every lag, where that is, and if it is within."""
+    frames, joints = excess.shape[-3:-1]
+    flat = excess.flatten(0, -2)
+    frame = at // joints % frames
+    way = flat[at]
+    yield 0, way, at, frame >= 0
+    for lag in range(1, longest + 1):
+        within = frame + lag < frames
+        there = torch.where(within, at + lag * joints, at)
+        following = flat[there]
+        way = torch.where(within[:, None], so3.compose(way, following), way)
+        yield lag, way, there, within
 
 
 def _jumps(q: Tensor, present: Tensor, noise: Tensor) -> _Jumps:
     frames = q.shape[-3]
-    frame = torch.arange(frames, device=q.device)[:, None]
-    step = so3.between(_shifted(q, -1, 2), q)
-    after = torch.where((frame < frames - 1)[..., None], _shifted(step, 1, 2), 0.0)
-    before = torch.where((frame > 1)[..., None], _shifted(step, -1, 2), 0.0)
+    frame = torch.arange(frames, device=q.device)
+    earlier, later = (frame - 1).clamp(min=0), (frame + 1).clamp(max=frames - 1)
+    step = so3.between(q.index_select(-3, earlier), q)
     # at the ends one neighbour stands for both
-    before, after = (
-        torch.where((frame > 1)[..., None], before, after),
-        torch.where((frame < frames - 1)[..., None], after, before),
-    )
-    excess = so3.compose(so3.compose(so3.exp(-0.5 * before), so3.exp(step)), so3.exp(-0.5 * after))
+    before = step.index_select(-3, torch.where(frame > 1, earlier, later))
+    after = step.index_select(-3, torch.where(frame < frames - 1, later, earlier))
+    halves = (so3.exp(-0.5 * side) for side in (before, after))
+    excess = so3.compose(so3.compose(next(halves), so3.exp(step)), next(halves))
     angle = so3.log(excess).norm(dim=-1)
-    known = present & _shifted(present, -1, 0) & (frame > 0)
+    known = present & present.index_select(-2, earlier) & (frame > 0)[:, None]
     beside = before.norm(dim=-1) + after.norm(dim=-1)
     usual = _usual(angle, known)
     # a jump adds half of itself to the excess of both neighbours
-    likely = known & (angle > LIKELY * usual) & (angle > torch.clamp(GESTURE * beside, min=LEAST))
+    likely = known & (angle > LIKELY * usual) & (angle > (GESTURE * beside).clamp(min=LEAST))
     near = spread(likely, 1)
     usual = _usual(angle, known & ~(near[0] | near[1] | near[2]))
     limit = torch.maximum(GESTURE * beside, TAIL * EXCESS * math.sqrt(3.0) * noise)
-    inside = known & (angle > limit) & (angle > RATIO * usual) & (angle > LEAST)
+    inside = likely & (angle > limit) & (angle > RATIO * usual)
     ending = inside & (angle > RATIO_AT_END * usual) & (angle > LEAST_AT_END)
     excess = torch.where(inside[..., None], excess, _identity(excess))
     return _Jumps(excess, angle, usual, inside, ending)
@@ -155,29 +198,16 @@ def _jumps(q: Tensor, present: Tensor, noise: Tensor) -> _Jumps:
 
 def _usual(angle: Tensor, known: Tensor) -> Tensor:
     """Size of what lies around each frame, its next neighbours left out; jumps count little."""
-    total, count = (
-        sum(near[NEAR + lag] for lag in range(-NEAR, NEAR + 1) if abs(lag) > 1)
-        for near in (
-            spread(torch.where(known, angle, 0.0).sqrt(), NEAR),
-            spread(known.to(angle.dtype), NEAR),
-        )
-    )
+    root = torch.where(known, angle, 0.0).sqrt()
+    total, count = (_around(x) for x in (root, known.to(angle.dtype)))
     return (total / count.clamp(min=1.0)).square()
+
+
+def _around(x: Tensor) -> Tensor:
+    """Sum over the frames near each, but itself and those next to it."""
+    near = spread(x, NEAR)
+    return reduce(torch.add, near[: NEAR - 1] + near[NEAR + 2 :])
 
 
 def _identity(q: Tensor) -> Tensor:
     return torch.cat([torch.zeros_like(q[..., :3]), torch.ones_like(q[..., :1])], -1)
-
-
-def _shifted(x: Tensor, lag: int, kind: int) -> Tensor:
-    """``x_{t + lag}``. Beyond the ends: 0 (kind 0), the identity (1), the frame at the end (2)."""
-    axis = -2 if kind == 0 else -3
-    frames = x.shape[axis]
-    source = torch.arange(frames, device=x.device) + lag
-    there = x.index_select(axis, source.clamp(min=0).clamp(max=frames - 1))
-    if kind == 2:
-        return there
-    inside = ((source >= 0) & (source < frames))[:, None]
-    if kind == 0:
-        return torch.where(inside, there, torch.zeros_like(there))
-    return torch.where(inside[..., None], there, _identity(there))
