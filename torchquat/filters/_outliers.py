@@ -73,7 +73,7 @@ def find_outliers(q: Tensor, present: Tensor, sigma: Tensor | None = None) -> Fo
     level = torch.ones_like(good[..., :1, :], dtype=torch.int64)
     for turn in range(PASSES):
         q = aligned(q, good)
-        if turn in (1, 3):
+        if turn == 1:
             level = _level(q, good)
         good = _judged(q, present, good, level, floor, noise)
     return Found(aligned(q, good), good, level)

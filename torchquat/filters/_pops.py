@@ -22,7 +22,9 @@ NEAR = 8  # frames to each side that the size of the usual excess is taken from
 LIKELY = 3.0  # the same, for leaving out what may be one where the usual is measured
 RATIO, RATIO_AT_END = 12.0, 24.0  # jumps stand out of the usual excess that far
 LEAST, LEAST_AT_END = 0.3, 0.5  # [rad]: smaller jumps are left
-GESTURE = 1.0  # share of the steps before and after that a gesture's excess stays below
+# share of the steps beside it that the excess of a gesture stays below; that of a single wild
+# sample is 1.5 of them
+GESTURE = 2.0
 TAIL = 3.0  # noise goes no further, in root mean squares
 EXCESS = math.sqrt(5.0)  # root mean square of white noise in an excess, per axis and sigma
 CLOSED = 0.3  # share of the first jump, or ...
@@ -49,7 +51,7 @@ class _Jumps(NamedTuple):
 
 
 def undone(q: Tensor, present: Tensor, noise: Tensor) -> Tensor:
-    r"""Move displaced stretches of up to 15 frames back.
+    r"""Move displaced stretches back.
 
     The excess of a step :math:`s_t = q_{t-1}^{-1} q_t` over half of those before and after,
 

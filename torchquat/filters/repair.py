@@ -18,7 +18,11 @@ def repair(
 ) -> tuple[Tensor, Tensor]:
     r"""Find the samples of a joint that its other frames contradict, and replace or move them.
 
-    Every frame is predicted from those within four frames to each side, without itself,
+    First, stretches of up to 24 frames are looked for that begin and end with opposite jumps, larger
+    than 0.3 rad and than the motion around explains. They are moved back: within they keep their
+    shape. The first or last stretch may reach beyond the sequence, with 15 frames within at most.
+
+    Then every frame is predicted from those within four frames to each side, without itself,
 
     .. math::
         p_t \propto \sum_{0 < |k| \le 4} w_k(g)\, q_{t+k}, \quad
@@ -31,10 +35,6 @@ def repair(
     judged again, flagged ones too. Where a joint has outliers beyond doubt, lesser ones are
     believed as well; where it has hardly any, a burst of motion is taken for what it is. What is
     flagged is replaced.
-
-    Then stretches of up to 15 frames (up to 23 where two overlap) are looked for that begin and end
-    with opposite jumps, larger than 0.3 rad and than the motion around explains. They are moved
-    back: within they keep their shape. The first or last stretch may reach beyond the sequence.
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
@@ -71,10 +71,12 @@ class OutlierRepair(nn.Module):
 def mended(q: Tensor, weight: Tensor | None, sigma: Tensor | None) -> tuple[Tensor, Tensor]:
     """:func:`repair` of a prepared signal, without checks; ``sigma`` as ``(..., 1, J)``."""
     weight = torch.ones_like(q[..., 0]) if weight is None else weight
+    noise = torch.zeros_like(q[..., :1, :, 0]) if sigma is None else sigma
+    # first what lasts: the ends of a stretch would be taken for wild samples
+    q = undone(q, weight > 0, noise)
     with torch.no_grad():
         found = find_outliers(q.detach(), weight > 0, sigma)
-    noise = torch.zeros_like(q[..., :1, :, 0]) if sigma is None else sigma
-    result = undone(_filled(q, found.good, found.level), weight > 0, noise)
+    result = _filled(q, found.good, found.level)
     return result, torch.where(found.good, weight, 0.0)
 
 
