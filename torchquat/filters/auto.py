@@ -17,8 +17,9 @@ WINDOW = 64  # [frames]
 def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -> Tensor:
     """Remove the noise of a motion, whatever there is, and leave what is clean.
 
-    Displaced stretches are moved back and wild samples replaced, as by :func:`torchquat.repair`. The noise of every joint is
-    estimated from the motion itself and removed, as by :func:`torchquat.local_spectrum_filter`.
+    Displaced stretches are moved back and wild samples replaced, as by :func:`torchquat.repair`.
+    The noise of every joint is estimated from the motion itself and removed, as by
+    :func:`torchquat.local_spectrum_filter`.
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.

@@ -18,9 +18,10 @@ def repair(
 ) -> tuple[Tensor, Tensor]:
     r"""Find the samples of a joint that its other frames contradict, and replace or move them.
 
-    First, stretches of up to 24 frames are looked for that begin and end with opposite jumps, larger
-    than 0.3 rad and than the motion around explains. They are moved back: within they keep their
-    shape. The first or last stretch may reach beyond the sequence, with 15 frames within at most.
+    First, stretches of up to 24 frames are looked for that begin and end with opposite jumps,
+    larger than 0.3 rad and than the motion around explains. They are moved back: within they keep
+    their shape. The first or last stretch may reach beyond the sequence, if no more than 15 frames
+    lie within.
 
     Then every frame is predicted from those within four frames to each side, without itself,
 
