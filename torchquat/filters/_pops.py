@@ -4,7 +4,6 @@ A displaced stretch keeps its shape, ``q_t exp(v)``: it is moved back, not fille
 """
 
 import math
-from collections.abc import Iterator
 from functools import reduce
 from typing import NamedTuple
 
@@ -133,44 +132,42 @@ def _ways_back(jumps: _Jumps, at: Tensor) -> tuple[Tensor, Tensor]:
     angle, usual = jumps.angle.flatten()[at], jumps.usual.flatten()[at]
     inside = jumps.inside.flatten()
     bound = torch.maximum(CLOSED * angle, CLOSED_MOTION * usual).square()
-    length = torch.zeros_like(at)
-    rest = torch.zeros_like(bound)[:, None].expand(-1, 3)
-    for lag, way, there, within in _ways(jumps.excess, at, LONGEST):
-        left = so3.log(way)
-        back = inside[at] & inside[there] & within & (left.square().sum(-1) < bound)
-        back = back & (length == 0) & (lag >= SHORTEST)
-        rest = torch.where(back[:, None], left, rest)
-        length = torch.where(back, lag, length)
-    return length, rest
+    way, there, within = _ways(jumps.excess, at)
+    left = so3.log(way)
+    back = within & inside[there] & inside[at][:, None] & (left.square().sum(-1) < bound[:, None])
+    back = back & (torch.arange(LONGEST + 1, device=at.device) >= SHORTEST)
+    length = back.to(torch.int64).argmax(1)  # the first of them; 0 where there is none
+    rest = left.gather(1, length[:, None, None].expand(-1, 1, 3))[:, 0]
+    return length, torch.where((length > 0)[:, None], rest, 0.0)
 
 
 def _placed(excess: Tensor, length: Tensor, rest: Tensor, at: Tensor) -> Tensor:
     """Displacements over stretches from ``at`` on, what is left at their end spread evenly."""
     places = excess[..., 0].numel()
-    rows, values = [], []
-    for lag, way, there, _ in _ways(excess, at, LONGEST - 1):
-        share = (lag + 0.5) / length.clamp(min=1).to(way.dtype)
-        values.append(so3.compose(so3.exp(-share[:, None] * rest), way))
-        rows.append(torch.where(length > lag, there, places))
+    way, there, _ = _ways(excess, at)
+    lag = torch.arange(LONGEST + 1, device=at.device)
+    share = (lag + 0.5) / length.clamp(min=1)[:, None].to(way.dtype)
+    here = so3.compose(so3.exp(-share[..., None] * rest[:, None]), way)
+    row = torch.where(lag < length[:, None], there, places)
     result = _identity(excess).flatten(0, -2)
     result = torch.cat([result, result[:1]])  # the last row takes what is to go nowhere
-    result = result.index_copy(0, torch.cat(rows), torch.cat(values))
-    return result[:-1].view(excess.shape)
+    return result.index_copy(0, row.flatten(), here.flatten(0, 1))[:-1].view(excess.shape)
 
 
-def _ways(excess: Tensor, at: Tensor, longest: int) -> Iterator[tuple[int, Tensor, Tensor, Tensor]]:
+def _ways(excess: Tensor, at: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Products of the excesses from ``at`` to every lag, where that is, and if it is within."""
     frames, joints = excess.shape[-3:-1]
-    flat = excess.flatten(0, -2)
-    frame = at // joints % frames
-    way = flat[at]
-    yield 0, way, at, frame >= 0
-    for lag in range(1, longest + 1):
-        within = frame + lag < frames
-        there = torch.where(within, at + lag * joints, at)
-        following = flat[there]
-        way = torch.where(within[:, None], so3.compose(way, following), way)
-        yield lag, way, there, within
+    lag = torch.arange(LONGEST + 1, device=at.device)
+    within = (at // joints % frames)[:, None] + lag < frames
+    there = torch.where(within, at[:, None] + lag * joints, at[:, None])
+    way = excess.flatten(0, -2)[there]
+    way = torch.where(within[..., None], way, _identity(way))
+    reach = 1
+    while reach <= LONGEST:  # each holds the last `reach` factors: twice as many, ...
+        before = torch.cat([_identity(way[:, :reach]), way[:, :-reach]], 1)
+        way = so3.compose(before, way)
+        reach *= 2
+    return way, there, within
 
 
 def _jumps(q: Tensor, present: Tensor, noise: Tensor) -> _Jumps:
