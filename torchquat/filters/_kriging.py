@@ -122,9 +122,9 @@ def aligned(q: Tensor, good: Tensor) -> Tensor:
     """
     frame = torch.arange(q.shape[-3], device=q.device)[:, None].expand(good.shape)
     latest = torch.where(good, frame, 0).cummax(-2).values
-    before = torch.cat([latest[..., :1, :], latest[..., :-1, :]], -2)
+    earlier = (torch.arange(q.shape[-3], device=q.device) - 1).clamp(min=0)
+    before = latest.index_select(-2, earlier)
     there = q.detach().gather(-3, before[..., None].expand(q.shape))
     step = _planes.sign_of(_planes.dot(q.detach().unbind(-1), there.unbind(-1)))
     chain = torch.where(good, step, 1.0).cumprod(-2)
-    before = torch.cat([torch.ones_like(chain[..., :1, :]), chain[..., :-1, :]], -2)
-    return q * (before * step)[..., None]
+    return q * (chain.index_select(-2, earlier) * step)[..., None]

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from torchquat import so3
-from torchquat.filters._kriging import LEVELS, aligned, predict, spread
+from torchquat.filters._kriging import LEVELS, REACH, aligned, predict, spread
 
 __all__ = ["Found", "find_outliers"]
 
@@ -27,8 +27,10 @@ LARGEST = 12.0
 LEAST = 0.05  # [rad]: smaller ones do no harm
 BACK = 0.9  # flagged samples come back below this share of the threshold
 # outliers beyond doubt: further off than motion with its bursts goes, or than noise does
-CLEAR, CLEAR_OF_NOISE, CLEAR_ANGLE = 3.0, 1.3, 0.35
+CLEAR, CLEAR_OF_NOISE, CLEAR_ANGLE = 3.0, 2.0, 0.35
 FEW, MANY = 0.006, 0.02  # share of samples beyond doubt, from which on lesser ones are believed
+TAIL = 3.0  # known noise goes no further, in root mean squares
+GESTURE = 0.5  # share of the angle across a gap that a gesture may be off what is predicted
 NOISY = 2  # level of noise from which on errors are noise, not motion
 GUESSES = (
     {-1: 1 / 2, 1: 1 / 2},
@@ -62,17 +64,18 @@ def find_outliers(q: Tensor, present: Tensor, sigma: Tensor | None = None) -> Fo
     Returns:
         What was found.
     """
-    floor = torch.full_like(q[..., :1, :, 0], FLOOR)
+    noise = torch.zeros_like(q[..., :1, :, 0])
     if sigma is not None:
-        floor = torch.maximum(floor, math.sqrt(3.0) * sigma)
+        noise = noise + math.sqrt(3.0) * sigma
+    floor = noise.clamp(min=FLOOR)
     q = aligned(q, present)
     good = _first(q, present, floor)
     level = torch.ones_like(good[..., :1, :], dtype=torch.int64)
     for turn in range(PASSES):
         q = aligned(q, good)
-        if turn in (1, 3):
+        if turn == 1:
             level = _level(q, good)
-        good = _judged(q, present, good, level, floor)
+        good = _judged(q, present, good, level, floor, noise)
     return Found(aligned(q, good), good, level)
 
 
@@ -83,7 +86,8 @@ def _first(q: Tensor, present: Tensor, floor: Tensor) -> Tensor:
     error = torch.full_like(q[..., 0], torch.inf)
     for guess in GUESSES:
         mean = torch.stack(
-            [sum(w * near[2 + lag] for lag, w in guess.items()) for near in around], -1
+            [reduce(torch.add, [w * near[2 + lag] for lag, w in guess.items()]) for near in around],
+            -1,
         )
         known = reduce(torch.logical_and, [there[2 + lag] for lag in guess])
         off = so3.squared_distance(so3.normalize(mean), q)
@@ -110,7 +114,9 @@ def _level(q: Tensor, good: Tensor) -> Tensor:
     return level
 
 
-def _judged(q: Tensor, present: Tensor, good: Tensor, level: Tensor, floor: Tensor) -> Tensor:
+def _judged(
+    q: Tensor, present: Tensor, good: Tensor, level: Tensor, floor: Tensor, noise: Tensor
+) -> Tensor:
     """Flag the largest errors, and take back what has become likely."""
     prediction = predict(q, good, level)
     square = so3.squared_distance(prediction.q, q)
@@ -122,11 +128,32 @@ def _judged(q: Tensor, present: Tensor, good: Tensor, level: Tensor, floor: Tens
     share = _mean(beyond.to(q.dtype), present)
     believed = ((share - FEW) / (MANY - FEW)).clamp(0.0, 1.0)
     limit = limit.clamp(min=LEAST) ** believed * clear.clamp(min=CLEAR_ANGLE) ** (1.0 - believed)
-    excess = error / limit
+    never = torch.maximum(TAIL * noise * prediction.variance.sqrt(), GESTURE * _across(q, good))
+    excess = error / torch.maximum(limit, never)
     rated = torch.where(good, excess, 0.0)
     largest = reduce(torch.maximum, spread(rated, RIVALS))
     wrong = (rated > 1.0) & (rated >= largest)
     return (good & ~wrong) | (present & ~good & (excess < BACK))
+
+
+def _across(q: Tensor, good: Tensor) -> Tensor:
+    """Angle between the good samples before and after each; 0 where a side has none near."""
+    before, after = _nearest(q, good, -1), _nearest(q, good, 1)
+    known = (before.square().sum(-1) > 0) & (after.square().sum(-1) > 0)
+    return torch.where(known, so3.squared_distance(before, after), 0.0).sqrt()
+
+
+def _nearest(q: Tensor, good: Tensor, side: int) -> Tensor:
+    """The good samples next to each on one side; zeros where there is none in reach."""
+    there = spread(good, REACH)
+    planes = []
+    for plane in q.unbind(-1):
+        near, nearest = spread(plane, REACH), torch.zeros_like(plane)
+        for lag in range(REACH, 0, -1):
+            place = REACH + side * lag
+            nearest = torch.where(there[place], near[place], nearest)
+        planes.append(nearest)
+    return torch.stack(planes, -1)
 
 
 def _size(x: Tensor, good: Tensor) -> Tensor:

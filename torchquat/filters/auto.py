@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from torchquat import so3, timeline
+from torchquat.filters.repair import mended
 from torchquat.filters.spectral import denoised, noise_level
 
 __all__ = ["AutoDenoiser", "denoise"]
@@ -16,7 +17,9 @@ WINDOW = 64  # [frames]
 def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -> Tensor:
     """Remove the noise of a motion, whatever there is, and leave what is clean.
 
-    The noise of every joint is estimated from the motion itself.
+    Displaced stretches are moved back and wild samples replaced, as by :func:`torchquat.repair`.
+    The noise of every joint is estimated from the motion itself and removed, as by
+    :func:`torchquat.local_spectrum_filter`.
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
@@ -36,9 +39,11 @@ def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -
     if q.numel() == 0 or strength == 0:
         return q.clone()
     with torch.autocast(q.device.type, enabled=False):
-        # what is wrong rather than noisy is to be found and repaired here: q, weight -> q, weight
         level = noise_level(prepared, confidence, None)
-        result = denoised(prepared, confidence, level, WINDOW)
+        repaired, trust = mended(prepared, confidence, level[..., None, :])
+        # what was replaced tells nothing of the noise, but is the best guess at the motion
+        level = noise_level(repaired, trust, None)
+        result = denoised(repaired, confidence, level, WINDOW)
         if strength != 1:
             result = so3.slerp(prepared, result, strength)
     return timeline.restore(result, prepared, q)

@@ -8,16 +8,22 @@ from torch import Tensor, nn
 from torchquat import missing, timeline
 from torchquat.filters._kriging import REACH, aligned, predict, spread
 from torchquat.filters._outliers import find_outliers
+from torchquat.filters._pops import undone
 
-__all__ = ["OutlierRepair", "repair"]
+__all__ = ["OutlierRepair", "mended", "repair"]
 
 
 def repair(
     q: Tensor, weight: Tensor | None = None, *, sigma: float | Tensor | None = None
 ) -> tuple[Tensor, Tensor]:
-    r"""Find the samples of a joint that its other frames contradict, and replace them.
+    r"""Find the samples of a joint that its other frames contradict, and replace or move them.
 
-    Every frame is predicted from those within four frames to each side, without itself,
+    First, stretches of up to 24 frames are looked for that begin and end with opposite jumps,
+    larger than 0.3 rad and than the motion around explains. They are moved back: within they keep
+    their shape. The first or last stretch may reach beyond the sequence, if no more than 15 frames
+    lie within.
+
+    Then every frame is predicted from those within four frames to each side, without itself,
 
     .. math::
         p_t \propto \sum_{0 < |k| \le 4} w_k(g)\, q_{t+k}, \quad
@@ -28,7 +34,8 @@ def repair(
     of those of the good frames around it, scaled by the variance to be expected of that pattern.
     The largest errors are flagged first and left out of what predicts the others; then all are
     judged again, flagged ones too. Where a joint has outliers beyond doubt, lesser ones are
-    believed as well; where it has hardly any, a burst of motion is taken for what it is.
+    believed as well; where it has hardly any, a burst of motion is taken for what it is. What is
+    flagged is replaced.
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
@@ -37,9 +44,9 @@ def repair(
             >= 0; one value or one per joint. Errors of that size are never flagged.
 
     Returns:
-        Unit quaternions ``(..., T, J, 4)``, those good only normalised, others replaced; and
-        confidences ``(..., T, J)``: those given, 0 where a sample was replaced. Both in the dtype
-        of ``q``. What is flagged is a constant to gradients.
+        Unit quaternions ``(..., T, J, 4)``, those good only normalised, others replaced or moved;
+        and confidences ``(..., T, J)``: those given, 0 where a sample was replaced. Both in the
+        dtype of ``q``. What is flagged, and how far a stretch is moved, is given to derivatives.
 
     Raises:
         TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
@@ -49,23 +56,29 @@ def repair(
         Prediction: Matheron, "Principles of Geostatistics", Economic Geology 1963 (kriging).
     """
     prepared, confidence = timeline.prepare(q, weight)
-    if confidence is None:
-        confidence = torch.ones_like(prepared[..., 0])
-    present = confidence > 0
     known = None if sigma is None else torch.as_tensor(sigma, dtype=prepared.dtype).to(prepared)
-    with torch.no_grad():
-        found = find_outliers(prepared.detach(), present, known)
-    good = found.good
-    result = _filled(prepared, good, found.level)
-    return timeline.restore(result, prepared, q), torch.where(good, confidence, 0.0).to(q.dtype)
+    result, trust = mended(prepared, confidence, known)
+    return timeline.restore(result, prepared, q), trust.to(q.dtype)
 
 
 class OutlierRepair(nn.Module):
-    """Module form of :func:`repair`, without the confidences."""
+    """Module form of :func:`repair`, for unknown noise and without the confidences."""
 
     def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
         """Repair unit quaternions ``(..., T, J, 4)``."""
         return repair(q, weight)[0]
+
+
+def mended(q: Tensor, weight: Tensor | None, sigma: Tensor | None) -> tuple[Tensor, Tensor]:
+    """:func:`repair` of a prepared signal, without checks; ``sigma`` as ``(..., 1, J)``."""
+    weight = torch.ones_like(q[..., 0]) if weight is None else weight
+    noise = torch.zeros_like(q[..., :1, :, 0]) if sigma is None else sigma
+    # first what lasts: the ends of a stretch would be taken for wild samples
+    q = undone(q, weight > 0, noise)
+    with torch.no_grad():
+        found = find_outliers(q.detach(), weight > 0, sigma)
+    result = _filled(q, found.good, found.level)
+    return result, torch.where(found.good, weight, 0.0)
 
 
 def _filled(q: Tensor, good: Tensor, level: Tensor) -> Tensor:
