@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from torchquat import noise, so3, timeline
 from torchquat._checks import check_count, check_positive
 from torchquat.filters._bandwidth import Bandwidth, per_joint
-from torchquat.filters._local_spectra import Windows, shrunk, windows_of
+from torchquat.filters._local_spectra import Windows, correlated_power, shrunk, windows_of
 from torchquat.filters._moving_frame import path_of, rough_motion
 
 __all__ = ["LocalSpectrumFilter", "denoised", "local_spectrum_filter", "noise_level"]
@@ -96,7 +96,9 @@ def noise_level(q: Tensor, weight: Tensor | None, sigma: Bandwidth | None) -> Te
     return torch.ldexp((digits / STEP).round() * STEP, exponent)
 
 
-def denoised(q: Tensor, weight: Tensor | None, sigma: Tensor, window: int) -> Tensor:
+def denoised(
+    q: Tensor, weight: Tensor | None, sigma: Tensor, window: int, rho: Tensor | None = None
+) -> Tensor:
     """Both passes; joints without noise stay as they are."""
     noisy = (sigma > 0)[..., None, :, None]
     scale = torch.where(sigma > 0, sigma, 1.0)[..., None, :, None]
@@ -106,15 +108,18 @@ def denoised(q: Tensor, weight: Tensor | None, sigma: Tensor, window: int) -> Te
         noisy = noisy & (largest > 0)[..., None]
         trust = (weight / torch.where(largest > 0, largest, 1.0))[..., None].detach()
     windows = windows_of(q.shape[-3], window, q)
+    power = None
+    if rho is not None:
+        power = correlated_power(windows.basis, rho.reshape(-1, q.shape[-2]))
     with torch.no_grad():
         motion = rough_motion(q, ROUGH_RADIUS)
         path, away = path_of(motion) / scale, _away(q, motion, trust) / scale
-        move = _over_windows(away, path, windows, 3)
+        move = _over_windows(away, path, windows, 3, power)
         axes = _main_axes(path + move)
         motion = so3.turn(motion, scale * move)
         path = path_of(motion) / scale
     away = _away(q, motion, trust) / scale
-    move = _over_windows(_along(away, axes), _along(path, axes), windows, 1)
+    move = _over_windows(_along(away, axes), _along(path, axes), windows, 1, power)
     return torch.where(noisy, so3.turn(motion, scale * _along(move, axes.mT)), q)
 
 
@@ -124,9 +129,11 @@ def _away(q: Tensor, motion: Tensor, trust: Tensor | None) -> Tensor:
     return away if trust is None else trust * away
 
 
-def _over_windows(away: Tensor, path: Tensor, windows: Windows, together: int) -> Tensor:
+def _over_windows(
+    away: Tensor, path: Tensor, windows: Windows, together: int, power: Tensor | None
+) -> Tensor:
     seen, known = (x.reshape(-1, x.shape[-3], x.shape[-2] * 3) for x in (away, path))
-    return shrunk(seen, known, windows, together).reshape(away.shape)
+    return shrunk(seen, known, windows, together, power).reshape(away.shape)
 
 
 def _along(v: Tensor, axes: Tensor) -> Tensor:
