@@ -6,7 +6,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-__all__ = ["Windows", "correlated_power", "shrunk", "windows_of"]
+__all__ = ["Windows", "correlated_power", "power_laws", "shrunk", "times", "windows_of"]
 
 HOPS = 8  # windows over every frame
 SLOPES = (2.0, 3.0, 4.0, 5.0, 6.0)  # exponents of the power laws
@@ -22,14 +22,27 @@ class Windows(NamedTuple):
     basis: Tensor  # (W, W): orthonormal cosines, one a row
     taper: Tensor  # (W, 1)
     family: Tensor  # (M, W): prior powers, in units of the noise
+    frequency: Tensor  # (W,): half cycles in 64 frames
 
 
-def windows_of(frames: int, window: int, like: Tensor) -> Windows:
-    """Windows over a sequence, symmetric in time; one that is too short gets shorter windows."""
+def windows_of(
+    frames: int, window: int, like: Tensor, *, hops: int = HOPS, most: int | None = None
+) -> Windows:
+    """Windows over a sequence, symmetric in time; one that is too short gets shorter windows.
+
+    Args:
+        frames: Length of the sequence, >= 1.
+        window: Length of a window, >= 2.
+        like: Has the dtype and device that are wanted.
+        hops: How many windows see a frame.
+        most: How many windows there are at most, even; some frames may be seen by none.
+    """
     size = torch.sym_min(frames, window)
-    hop = max(window // HOPS, 1)
+    hop = max(window // hops, 1)
     beyond = frames - size
     pairs = (beyond + 2 * hop - 1) // (2 * hop) + torch.sym_min(beyond, 1)
+    if most is not None:
+        pairs = torch.sym_min(pairs, most // 2)
     count = torch.sym_max(2 * pairs, 2)  # one alone would be multiplied by another kernel
     index = torch.arange(count, device=like.device)
     ahead = index * beyond // (count - 1)
@@ -41,15 +54,16 @@ def windows_of(frames: int, window: int, like: Tensor) -> Windows:
     basis = torch.cos(math.pi * frequency[:, None] * middle)
     basis = basis / basis.square().sum(-1, keepdim=True).sqrt()
     taper = torch.sin(math.pi * middle)[:, None]
-    family = _family(frequency * (64.0 / size))
+    frequency = frequency * (64.0 / size)
+    family = power_laws(frequency, LEVELS)
     basis, taper, family = (x.to(like.dtype) for x in (basis, taper, family))
-    return Windows(start[:, None] + place, basis, taper, family)
+    return Windows(start[:, None] + place, basis, taper, family, frequency)
 
 
-def _family(frequency: Tensor) -> Tensor:
-    """Power laws of half cycles in 64 frames, flat below one half."""
+def power_laws(frequency: Tensor, levels: tuple[float, float, int]) -> Tensor:
+    """Power laws of half cycles in 64 frames, flat below one half, ``(M, W)``."""
     steepness = torch.tensor(SLOPES, dtype=torch.float64, device=frequency.device)
-    low, high, count = LEVELS
+    low, high, count = levels
     level = torch.linspace(low, high, count, dtype=torch.float64, device=frequency.device)
     decay = torch.log(frequency.clamp(min=0.5))
     power = torch.exp(level[:, None, None] - steepness[:, None] * decay).flatten(0, 1)
@@ -108,9 +122,9 @@ def shrunk(
     known = path.index_select(1, places).reshape(-1, size, channels)
     known = known - known.mean(1, keepdim=True)
     seen = x.index_select(1, places).reshape(-1, size, channels)
-    coefficients = _times(windows.basis, known + seen)
+    coefficients = times(windows.basis, known + seen)
     gain = _gains(coefficients.detach(), windows.family, together, noise_power)
-    change = _times(windows.basis.mT, gain * coefficients) - known
+    change = times(windows.basis.mT, gain * coefficients) - known
     ahead = (windows.taper * change).reshape(batch, -1, channels)
     weight = windows.taper.expand(windows.frame.shape[0], -1, -1).reshape(-1, 1)
     total = torch.zeros_like(x).index_add(1, places, ahead)
@@ -133,8 +147,8 @@ def _gains(
 
 def _mean_gains(power: Tensor, noisy: Tensor, family: Tensor, together: int) -> Tensor:
     """For powers ``(B, W, C)`` and noisy priors ``(M, W)`` or ``(B, M, W)``."""
-    misfit = _times(1.0 / noisy, power) + together * torch.log(noisy).sum(-1)[..., None]
-    return _times((family / noisy).mT, torch.softmax(-0.5 * misfit, -2))
+    misfit = times(1.0 / noisy, power) + together * torch.log(noisy).sum(-1)[..., None]
+    return times((family / noisy).mT, torch.softmax(-0.5 * misfit, -2))
 
 
 def _by_noise(power: Tensor, noise_power: Tensor) -> tuple[Tensor, tuple[int, ...]]:
@@ -155,7 +169,7 @@ def _from_parts(gain: Tensor, shape: tuple[int, ...]) -> Tensor:
     return moved.reshape(-1, shape[3], shape[1] * shape[5])
 
 
-def _times(matrix: Tensor, x: Tensor) -> Tensor:
+def times(matrix: Tensor, x: Tensor) -> Tensor:
     """A matrix ``(M, W)``, or ``(N, M, W)``, times ``(N, W, C)``, to the same bits whatever N is.
 
     Products of rows that end at odd places in memory would depend on where they lie.

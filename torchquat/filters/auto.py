@@ -6,7 +6,8 @@ import torch
 from torch import Tensor, nn
 
 from torchquat import so3, timeline
-from torchquat.filters.spectral import denoised, noise_level
+from torchquat.filters._correlation import noise_of
+from torchquat.filters.spectral import denoised
 
 __all__ = ["AutoDenoiser", "denoise"]
 
@@ -16,7 +17,8 @@ WINDOW = 64  # [frames]
 def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -> Tensor:
     """Remove the noise of a motion, whatever there is, and leave what is clean.
 
-    The noise of every joint is estimated from the motion itself.
+    The noise of every joint is estimated from the motion itself, and so is how long it lasts, which
+    all joints have in common.
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
@@ -37,8 +39,8 @@ def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -
         return q.clone()
     with torch.autocast(q.device.type, enabled=False):
         # what is wrong rather than noisy is to be found and repaired here: q, weight -> q, weight
-        level = noise_level(prepared, confidence, None)
-        result = denoised(prepared, confidence, level, WINDOW)
+        level, rho = noise_of(prepared, confidence)
+        result = denoised(prepared, confidence, level, WINDOW, rho)
         if strength != 1:
             result = so3.slerp(prepared, result, strength)
     return timeline.restore(result, prepared, q)

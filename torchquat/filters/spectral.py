@@ -8,13 +8,13 @@ from torch import Tensor, nn
 from torchquat import noise, so3, timeline
 from torchquat._checks import check_count, check_positive
 from torchquat.filters._bandwidth import Bandwidth, per_joint
+from torchquat.filters._correlation import noise_of, rounded
 from torchquat.filters._local_spectra import Windows, correlated_power, shrunk, windows_of
 from torchquat.filters._moving_frame import path_of, rough_motion
 
 __all__ = ["LocalSpectrumFilter", "denoised", "local_spectrum_filter", "noise_level"]
 
 ROUGH_RADIUS = 4  # [frames]
-STEP = 2.0**-8  # of the digits of estimated noise, 1/2 to 1
 
 
 def local_spectrum_filter(
@@ -55,9 +55,12 @@ def local_spectrum_filter(
     prepared, confidence = timeline.prepare(q, weight)
     if q.numel() == 0:
         return prepared.to(q.dtype)
-    level = noise_level(prepared, confidence, sigma)
     with torch.autocast(q.device.type, enabled=False):
-        result = denoised(prepared, confidence, level, window)
+        if sigma is None:
+            level, rho = noise_of(prepared, confidence)
+        else:
+            level, rho = noise_level(prepared, confidence, sigma), None
+        result = denoised(prepared, confidence, level, window, rho)
     return timeline.restore(result, prepared, q)
 
 
@@ -85,21 +88,21 @@ class LocalSpectrumFilter(nn.Module):
 
 
 def noise_level(q: Tensor, weight: Tensor | None, sigma: Bandwidth | None) -> Tensor:
-    """Noise of every joint [rad], given or estimated, ``(..., J)``.
-
-    An estimate is rounded: its last digits depend on what else is in the batch.
-    """
+    """White noise of every joint [rad], given or estimated, ``(..., J)``."""
     if sigma is not None:
         given = torch.as_tensor(per_joint("sigma", sigma, q), device=q.device).detach()
         return given.to(q.dtype).expand(*q.shape[:-3], q.shape[-2])
-    digits, exponent = torch.frexp(noise.estimate_sigma(q.detach(), weight))
-    return torch.ldexp((digits / STEP).round() * STEP, exponent)
+    return rounded(noise.estimate_sigma(q.detach(), weight))
 
 
 def denoised(
     q: Tensor, weight: Tensor | None, sigma: Tensor, window: int, rho: Tensor | None = None
 ) -> Tensor:
-    """Both passes; joints without noise stay as they are."""
+    """Both passes; joints without noise stay as they are.
+
+    ``rho`` ``(..., G)`` is the correlation of neighbouring frames of the noise, of each of G equal
+    parts of the joints; ``None`` for white noise.
+    """
     noisy = (sigma > 0)[..., None, :, None]
     scale = torch.where(sigma > 0, sigma, 1.0)[..., None, :, None]
     trust = None
@@ -110,7 +113,7 @@ def denoised(
     windows = windows_of(q.shape[-3], window, q)
     power = None
     if rho is not None:
-        power = correlated_power(windows.basis, rho.reshape(-1, q.shape[-2]))
+        power = correlated_power(windows.basis, rho.reshape(-1, rho.shape[-1]))
     with torch.no_grad():
         motion = rough_motion(q, ROUGH_RADIUS)
         path, away = path_of(motion) / scale, _away(q, motion, trust) / scale

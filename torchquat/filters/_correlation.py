@@ -1,0 +1,113 @@
+"""Noise that lasts: how strongly its frames hang together, found together with its size."""
+
+import torch
+from torch import Tensor
+
+from torchquat import so3
+from torchquat.filters._local_spectra import (
+    Windows,
+    correlated_power,
+    power_laws,
+    times,
+    windows_of,
+)
+from torchquat.filters._moving_frame import path_of, rough_motion
+from torchquat.noise.estimate import sigma_if_correlated
+
+__all__ = ["noise_of", "rounded"]
+
+RHOS = (0.0, 0.35, 0.5, 0.65, 0.75, 0.83, 0.89, 0.93, 0.96)
+"""Correlations to choose from. Less than the second is as good as white."""
+MARGIN = 30.0  # natural logarithm of the odds that a stronger correlation must have
+WINDOW = 64  # [frames]
+MOST = 64  # windows: more would tell nothing new
+ROUGH_RADIUS = 4  # [frames]
+LEVELS = (-4.0, 32.0, 13)  # coarser than for gains, and for motions with hardly any noise
+LEAST_PRESENT = 0.5  # of a window, to count
+STEP = 2.0**-8  # of the digits of estimated noise, 1/2 to 1
+
+
+def noise_of(q: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
+    r"""Size of the noise of every joint, and the correlation of neighbouring frames of it.
+
+    For each correlation that is tried, the size follows from high differences, which see hardly
+    anything but noise. What tells the correlations apart is how well they explain spectra of
+    windows down to low frequencies, where any power law may lie on top of the noise. Correlated
+    noise and motion look alike in one window, but noise is alike in all windows and on all axes:
+
+    .. math::
+        \log p(\rho) = \sum_{wjc} \log \sum_m \prod_k
+            N\big(y_{wjck}; 0, s_{mk} + \sigma_j(\rho)^2 n_k(\rho)\big)
+
+    The weakest correlation is taken that is not ruled out, for all joints the same.
+
+    Args:
+        q: Unit quaternions ``(..., T, J, 4)``, missing frames filled.
+        weight: Confidence ``(..., T, J)``.
+
+    Returns:
+        Standard deviations ``(..., J)`` [rad], rounded, and the correlation ``(..., 1)``.
+    """
+    with torch.no_grad():
+        q = q.detach()
+        sigma = sigma_if_correlated(q, weight, RHOS)
+        evidence = _evidence(q, weight, sigma)
+        chosen = (evidence >= evidence.amax(0) - MARGIN).to(torch.uint8).argmax(0)
+        rho = q.new_tensor(RHOS)[chosen][..., None]
+        index = chosen[None, ..., None].expand(1, *sigma.shape[1:])
+        return rounded(sigma.gather(0, index)[0]), rho
+
+
+def rounded(sigma: Tensor) -> Tensor:
+    """To a few digits: the last ones of an estimate depend on what else is in the batch."""
+    digits, exponent = torch.frexp(sigma)
+    return torch.ldexp((digits / STEP).round() * STEP, exponent)
+
+
+def _evidence(q: Tensor, weight: Tensor | None, sigma: Tensor) -> Tensor:
+    """Logarithm of the likelihood of every correlation, up to a constant, ``(R, ...)``."""
+    windows = windows_of(q.shape[-3], WINDOW, q, hops=1, most=MOST)
+    known = (sigma > 0).all(0)
+    sigma = torch.where(known, sigma, 1.0).reshape(len(RHOS), -1, q.shape[-2])  # (R, N, J)
+    power, counts = _spectra(q, weight, windows, sigma[0])
+    counts = counts & known.reshape(-1, 1, q.shape[-2])
+    total = []
+    for rho, size in zip(RHOS, sigma / sigma[0], strict=True):
+        each = _likelihood(power, windows, rho, size[:, None, :, None])
+        total.append(torch.where(counts, each.sum(-1), 0.0).sum((1, 2)))
+    return torch.stack(total).reshape(len(RHOS), *q.shape[:-3])
+
+
+def _spectra(
+    q: Tensor, weight: Tensor | None, windows: Windows, sigma: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Squared coefficients ``(N, windows, W, J, 3)`` in units of ``sigma (N, J)``, and which count.
+
+    Frames that are missing lie on the rough motion, without noise: the rest is scaled up for them.
+    """
+    places, shape = windows.frame.flatten(), windows.frame.shape
+    motion = rough_motion(q, ROUGH_RADIUS)
+    present = torch.ones_like(q[..., 0]) if weight is None else (weight > 0).to(q.dtype)
+    x = path_of(motion) + present[..., None] * so3.between(motion, q)
+    cut = x.flatten(-2).reshape(-1, x.shape[-3], 3 * x.shape[-2]).index_select(1, places)
+    cut = cut.reshape(-1, shape[1], cut.shape[-1])
+    power = times(windows.basis, cut - cut.mean(1, keepdim=True)).square()
+    share = present.reshape(-1, *present.shape[-2:]).index_select(1, places)
+    share = share.unflatten(1, shape).mean(2)  # (N, windows, J)
+    scale = 1.0 / (share.clamp(min=LEAST_PRESENT) * sigma[:, None].square())
+    power = power.unflatten(-1, (-1, 3)).unflatten(0, (-1, shape[0]))
+    return power * scale[:, :, None, :, None], share > LEAST_PRESENT
+
+
+def _likelihood(power: Tensor, windows: Windows, rho: float, size: Tensor) -> Tensor:
+    """Of one correlation, ``(N, windows, J, 3)``; the noise is ``size`` units strong.
+
+    The mean of a window tells nothing.
+    """
+    family = power_laws(windows.frequency, LEVELS).to(power.dtype)
+    noisy = family + correlated_power(windows.basis, power.new_tensor(rho))
+    misfit = times((1.0 / noisy)[:, 1:], power.flatten(0, 1)[:, 1:].flatten(-2))
+    misfit = misfit.unflatten(0, power.shape[:2]).unflatten(-1, power.shape[-2:]).movedim(2, -1)
+    misfit = misfit / size[..., None].square() + torch.log(noisy[:, 1:]).sum(-1)
+    degrees = power.shape[2] - 1
+    return torch.logsumexp(-0.5 * misfit, -1) - degrees * torch.log(size)
