@@ -18,11 +18,11 @@ __all__ = ["noise_of", "rounded"]
 
 RHOS = (0.0, 0.35, 0.5, 0.65, 0.75, 0.83, 0.89, 0.93, 0.96)
 """Correlations to choose from. Less than the second is as good as white."""
-MARGIN = 30.0  # natural logarithm of the odds that a stronger correlation must have
+MARGIN = 40.0  # natural logarithm of the odds that a stronger correlation must have
 WINDOW = 64  # [frames]
 MOST = 64  # windows: more would tell nothing new
 ROUGH_RADIUS = 4  # [frames]
-LEVELS = (-4.0, 32.0, 13)  # coarser than for gains, and for motions with hardly any noise
+LEVELS = (-4.0, 32.0, 37)  # reaching up to motions with hardly any noise
 LEAST_PRESENT = 0.5  # of a window, to count
 STEP = 2.0**-8  # of the digits of estimated noise, 1/2 to 1
 
