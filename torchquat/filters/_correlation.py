@@ -11,7 +11,7 @@ from torchquat.filters._local_spectra import (
     times,
     windows_of,
 )
-from torchquat.filters._moving_frame import path_of, rough_motion
+from torchquat.filters._moving_frame import path_of
 from torchquat.noise.estimate import sigma_if_correlated
 
 __all__ = ["noise_of", "rounded"]
@@ -21,13 +21,14 @@ RHOS = (0.0, 0.35, 0.5, 0.65, 0.75, 0.83, 0.89, 0.93, 0.96)
 MARGIN = 40.0  # natural logarithm of the odds that a stronger correlation must have
 WINDOW = 64  # [frames]
 MOST = 64  # windows: more would tell nothing new
-ROUGH_RADIUS = 4  # [frames]
 LEVELS = (-4.0, 32.0, 37)  # reaching up to motions with hardly any noise
+SLOPES = (2.0, 3.5, 5.0)
+ALONE, BANDS = 10, 26  # the lowest frequencies, each by itself; and all bands
 LEAST_PRESENT = 0.5  # of a window, to count
 STEP = 2.0**-8  # of the digits of estimated noise, 1/2 to 1
 
 
-def noise_of(q: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
+def noise_of(q: Tensor, motion: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
     r"""Size of the noise of every joint, and the correlation of neighbouring frames of it.
 
     For each correlation that is tried, the size follows from high differences, which see hardly
@@ -43,6 +44,7 @@ def noise_of(q: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``, missing frames filled.
+        motion: A smooth motion near it.
         weight: Confidence ``(..., T, J)``.
 
     Returns:
@@ -51,7 +53,7 @@ def noise_of(q: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
     with torch.no_grad():
         q = q.detach()
         sigma = sigma_if_correlated(q, weight, RHOS)
-        evidence = _evidence(q, weight, sigma)
+        evidence = _evidence(q, motion.detach(), weight, sigma)
         chosen = (evidence >= evidence.amax(0) - MARGIN).to(torch.uint8).argmax(0)
         rho = q.new_tensor(RHOS)[chosen][..., None]
         index = chosen[None, ..., None].expand(1, *sigma.shape[1:])
@@ -64,50 +66,60 @@ def rounded(sigma: Tensor) -> Tensor:
     return torch.ldexp((digits / STEP).round() * STEP, exponent)
 
 
-def _evidence(q: Tensor, weight: Tensor | None, sigma: Tensor) -> Tensor:
+def _evidence(q: Tensor, motion: Tensor, weight: Tensor | None, sigma: Tensor) -> Tensor:
     """Logarithm of the likelihood of every correlation, up to a constant, ``(R, ...)``."""
     windows = windows_of(q.shape[-3], WINDOW, q, hops=1, most=MOST)
     known = (sigma > 0).all(0)
-    sigma = torch.where(known, sigma, 1.0).reshape(len(RHOS), -1, q.shape[-2])  # (R, N, J)
-    power, counts = _spectra(q, weight, windows, sigma[0])
+    sigma = torch.where(known, sigma, 1.0).reshape(len(RHOS), -1, q.shape[-2])
+    power, counts = _spectra(q, motion, weight, windows, sigma[0])
     counts = counts & known.reshape(-1, 1, q.shape[-2])
+    bands = _bands(windows)
+    power = times(bands, power)
+    family = power_laws(windows.frequency, LEVELS, SLOPES).to(q.dtype)
     total = []
-    for rho, size in zip(RHOS, sigma / sigma[0], strict=True):
-        each = _likelihood(power, windows, rho, size[:, None, :, None])
-        total.append(torch.where(counts, each.sum(-1), 0.0).sum((1, 2)))
+    for rho, size in zip(RHOS, (sigma / sigma[0]).repeat_interleave(3, -1), strict=True):
+        noisy = (family + correlated_power(windows.basis, q.new_tensor(rho)))[:, 1:]
+        each = _likelihood(power, noisy, bands[:, 1:], size)
+        each = each.unflatten(0, (-1, counts.shape[1])).unflatten(-1, (-1, 3)).sum(-1)
+        total.append(torch.where(counts, each, 0.0).sum((1, 2)))
     return torch.stack(total).reshape(len(RHOS), *q.shape[:-3])
 
 
 def _spectra(
-    q: Tensor, weight: Tensor | None, windows: Windows, sigma: Tensor
+    q: Tensor, motion: Tensor, weight: Tensor | None, windows: Windows, sigma: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Squared coefficients ``(N, windows, W, J, 3)`` in units of ``sigma (N, J)``, and which count.
+    """Squared coefficients ``(N windows, W, 3 J)``, in units of ``sigma (N, J)``, and which count.
 
     Frames that are missing lie on the rough motion, without noise: the rest is scaled up for them.
     """
     places, shape = windows.frame.flatten(), windows.frame.shape
-    motion = rough_motion(q, ROUGH_RADIUS)
     present = torch.ones_like(q[..., 0]) if weight is None else (weight > 0).to(q.dtype)
     x = path_of(motion) + present[..., None] * so3.between(motion, q)
-    cut = x.flatten(-2).reshape(-1, x.shape[-3], 3 * x.shape[-2]).index_select(1, places)
-    cut = cut.reshape(-1, shape[1], cut.shape[-1])
+    x = (x / sigma.reshape(*q.shape[:-3], 1, -1, 1)).reshape(-1, q.shape[-3], 3 * q.shape[-2])
+    cut = x.index_select(1, places).reshape(-1, shape[1], x.shape[-1])
     power = times(windows.basis, cut - cut.mean(1, keepdim=True)).square()
     share = present.reshape(-1, *present.shape[-2:]).index_select(1, places)
     share = share.unflatten(1, shape).mean(2)  # (N, windows, J)
-    scale = 1.0 / (share.clamp(min=LEAST_PRESENT) * sigma[:, None].square())
-    power = power.unflatten(-1, (-1, 3)).unflatten(0, (-1, shape[0]))
-    return power * scale[:, :, None, :, None], share > LEAST_PRESENT
+    scale = share.clamp(min=LEAST_PRESENT).flatten(0, 1).repeat_interleave(3, -1)
+    return power / scale[:, None], share > LEAST_PRESENT
 
 
-def _likelihood(power: Tensor, windows: Windows, rho: float, size: Tensor) -> Tensor:
-    """Of one correlation, ``(N, windows, J, 3)``; the noise is ``size`` units strong.
+def _bands(windows: Windows) -> Tensor:
+    """Which coefficients are taken together, booleans as numbers ``(BANDS, W)``.
 
-    The mean of a window tells nothing.
+    The lowest alone, the others a sixth of an octave wide; the mean of a window tells nothing.
     """
-    family = power_laws(windows.frequency, LEVELS).to(power.dtype)
-    noisy = family + correlated_power(windows.basis, power.new_tensor(rho))
-    misfit = times((1.0 / noisy)[:, 1:], power.flatten(0, 1)[:, 1:].flatten(-2))
-    misfit = misfit.unflatten(0, power.shape[:2]).unflatten(-1, power.shape[-2:]).movedim(2, -1)
-    misfit = misfit / size[..., None].square() + torch.log(noisy[:, 1:]).sum(-1)
-    degrees = power.shape[2] - 1
-    return torch.logsumexp(-0.5 * misfit, -1) - degrees * torch.log(size)
+    k = torch.arange(windows.basis.shape[0], device=windows.basis.device).double()
+    above = ALONE + (6.0 * torch.log2(k.clamp(min=1.0) / (ALONE + 1))).floor()
+    band = torch.where(k > ALONE, above, k - 1)
+    return (band == torch.arange(BANDS, device=band.device)[:, None]).to(windows.basis.dtype)
+
+
+def _likelihood(power: Tensor, noisy: Tensor, bands: Tensor, size: Tensor) -> Tensor:
+    """Of priors ``(M, W)`` in units of ``size (N, C)``, all alike: ``(N windows, C)``."""
+    mean = bands / bands.sum(-1, keepdim=True).clamp(min=1.0)
+    scaled = power.unflatten(0, (len(size), -1)) / size[:, None, None].square()
+    misfit = times((1.0 / noisy) @ (-0.5 * mean.mT), scaled.flatten(0, 1))
+    misfit = misfit - 0.5 * torch.log(noisy).sum(-1)[:, None]
+    each = torch.logsumexp(misfit, 1).unflatten(0, (len(size), -1))
+    return (each - noisy.shape[1] * torch.log(size)[:, None]).flatten(0, 1)

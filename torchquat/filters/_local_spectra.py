@@ -55,14 +55,16 @@ def windows_of(
     basis = basis / basis.square().sum(-1, keepdim=True).sqrt()
     taper = torch.sin(math.pi * middle)[:, None]
     frequency = frequency * (64.0 / size)
-    family = power_laws(frequency, LEVELS)
+    family = power_laws(frequency, LEVELS, SLOPES)
     basis, taper, family = (x.to(like.dtype) for x in (basis, taper, family))
     return Windows(start[:, None] + place, basis, taper, family, frequency)
 
 
-def power_laws(frequency: Tensor, levels: tuple[float, float, int]) -> Tensor:
+def power_laws(
+    frequency: Tensor, levels: tuple[float, float, int], slopes: tuple[float, ...]
+) -> Tensor:
     """Power laws of half cycles in 64 frames, flat below one half, ``(M, W)``."""
-    steepness = torch.tensor(SLOPES, dtype=torch.float64, device=frequency.device)
+    steepness = torch.tensor(slopes, dtype=torch.float64, device=frequency.device)
     low, high, count = levels
     level = torch.linspace(low, high, count, dtype=torch.float64, device=frequency.device)
     decay = torch.log(frequency.clamp(min=0.5))

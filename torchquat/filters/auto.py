@@ -7,7 +7,8 @@ from torch import Tensor, nn
 
 from torchquat import so3, timeline
 from torchquat.filters._correlation import noise_of
-from torchquat.filters.spectral import denoised
+from torchquat.filters._moving_frame import rough_motion
+from torchquat.filters.spectral import ROUGH_RADIUS, denoised
 
 __all__ = ["AutoDenoiser", "denoise"]
 
@@ -39,8 +40,9 @@ def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -
         return q.clone()
     with torch.autocast(q.device.type, enabled=False):
         # what is wrong rather than noisy is to be found and repaired here: q, weight -> q, weight
-        level, rho = noise_of(prepared, confidence)
-        result = denoised(prepared, confidence, level, WINDOW, rho)
+        motion = rough_motion(prepared.detach(), ROUGH_RADIUS)
+        level, rho = noise_of(prepared, motion, confidence)
+        result = denoised(prepared, confidence, level, WINDOW, rho, motion)
         if strength != 1:
             result = so3.slerp(prepared, result, strength)
     return timeline.restore(result, prepared, q)

@@ -56,11 +56,12 @@ def local_spectrum_filter(
     if q.numel() == 0:
         return prepared.to(q.dtype)
     with torch.autocast(q.device.type, enabled=False):
+        motion = rough_motion(prepared.detach(), ROUGH_RADIUS)
         if sigma is None:
-            level, rho = noise_of(prepared, confidence)
+            level, rho = noise_of(prepared, motion, confidence)
         else:
             level, rho = noise_level(prepared, confidence, sigma), None
-        result = denoised(prepared, confidence, level, window, rho)
+        result = denoised(prepared, confidence, level, window, rho, motion)
     return timeline.restore(result, prepared, q)
 
 
@@ -96,7 +97,12 @@ def noise_level(q: Tensor, weight: Tensor | None, sigma: Bandwidth | None) -> Te
 
 
 def denoised(
-    q: Tensor, weight: Tensor | None, sigma: Tensor, window: int, rho: Tensor | None = None
+    q: Tensor,
+    weight: Tensor | None,
+    sigma: Tensor,
+    window: int,
+    rho: Tensor | None = None,
+    motion: Tensor | None = None,
 ) -> Tensor:
     """Both passes; joints without noise stay as they are.
 
@@ -115,7 +121,7 @@ def denoised(
     if rho is not None:
         power = correlated_power(windows.basis, rho.reshape(-1, rho.shape[-1]))
     with torch.no_grad():
-        motion = rough_motion(q, ROUGH_RADIUS)
+        motion = rough_motion(q, ROUGH_RADIUS) if motion is None else motion
         path, away = path_of(motion) / scale, _away(q, motion, trust) / scale
         move = _over_windows(away, path, windows, 3, power)
         axes = _main_axes(path + move)
