@@ -24,6 +24,7 @@ MOST = 64  # windows: more would tell nothing new
 LEVELS = (-4.0, 32.0, 37)  # reaching up to motions with hardly any noise
 SLOPES = (2.0, 3.5, 5.0)
 ALONE, BANDS = 10, 26  # the lowest frequencies, each by itself; and all bands
+NOTHING = -60.0  # logarithm of odds that do not count
 LEAST_PRESENT = 0.5  # of a window, to count
 STEP = 2.0**-8  # of the digits of estimated noise, 1/2 to 1
 
@@ -55,9 +56,14 @@ def noise_of(q: Tensor, motion: Tensor, weight: Tensor | None) -> tuple[Tensor, 
         sigma = sigma_if_correlated(q, weight, RHOS)
         evidence = _evidence(q, motion.detach(), weight, sigma)
         chosen = (evidence >= evidence.amax(0) - MARGIN).to(torch.uint8).argmax(0)
-        rho = q.new_tensor(RHOS)[chosen][..., None]
+        rho = _rhos(q).index_select(0, chosen.flatten()).reshape(*chosen.shape, 1)
         index = chosen[None, ..., None].expand(1, *sigma.shape[1:])
         return rounded(sigma.gather(0, index)[0]), rho
+
+
+def _rhos(like: Tensor) -> Tensor:
+    """In double precision first: compilers round bare numbers to single."""
+    return torch.tensor(RHOS, dtype=torch.float64, device=like.device).to(like.dtype)
 
 
 def rounded(sigma: Tensor) -> Tensor:
@@ -76,10 +82,10 @@ def _evidence(q: Tensor, motion: Tensor, weight: Tensor | None, sigma: Tensor) -
     bands = _bands(windows)
     power = times(bands, power)
     family = power_laws(windows.frequency, LEVELS, SLOPES).to(q.dtype)
+    colours = correlated_power(windows.basis, _rhos(q))
     total = []
-    for rho, size in zip(RHOS, (sigma / sigma[0]).repeat_interleave(3, -1), strict=True):
-        noisy = (family + correlated_power(windows.basis, q.new_tensor(rho)))[:, 1:]
-        each = _likelihood(power, noisy, bands[:, 1:], size)
+    for colour, size in zip(colours, (sigma / sigma[0]).repeat_interleave(3, -1), strict=True):
+        each = _likelihood(power, (family + colour)[:, 1:], bands[:, 1:], size)
         each = each.unflatten(0, (-1, counts.shape[1])).unflatten(-1, (-1, 3)).sum(-1)
         total.append(torch.where(counts, each, 0.0).sum((1, 2)))
     return torch.stack(total).reshape(len(RHOS), *q.shape[:-3])
@@ -121,5 +127,12 @@ def _likelihood(power: Tensor, noisy: Tensor, bands: Tensor, size: Tensor) -> Te
     scaled = power.unflatten(0, (len(size), -1)) / size[:, None, None].square()
     misfit = times((1.0 / noisy) @ (-0.5 * mean.mT), scaled.flatten(0, 1))
     misfit = misfit - 0.5 * torch.log(noisy).sum(-1)[:, None]
-    each = torch.logsumexp(misfit, 1).unflatten(0, (len(size), -1))
+    each = _log_total(misfit).unflatten(0, (len(size), -1))
     return (each - noisy.shape[1] * torch.log(size)[:, None]).flatten(0, 1)
+
+
+def _log_total(x: Tensor) -> Tensor:
+    """As logsumexp over axis 1; exponentials that underflow would take thirty times as long."""
+    largest = x.amax(1, keepdim=True)
+    total = (x - largest).clamp(min=NOTHING).exp().sum(1)
+    return largest[:, 0] + total.log()
