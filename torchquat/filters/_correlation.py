@@ -85,7 +85,8 @@ def _evidence(q: Tensor, motion: Tensor, weight: Tensor | None, sigma: Tensor) -
     colours = correlated_power(windows.basis, _rhos(q))
     total = []
     for colour, size in zip(colours, (sigma / sigma[0]).repeat_interleave(3, -1), strict=True):
-        each = _likelihood(power, (family + colour)[:, 1:], bands[:, 1:], size)
+        noisy = torch.where(windows.frequency == 0, 1.0, family + colour)
+        each = _likelihood(power, noisy, bands, size)
         each = each.unflatten(0, (-1, counts.shape[1])).unflatten(-1, (-1, 3)).sum(-1)
         total.append(torch.where(counts, each, 0.0).sum((1, 2)))
     return torch.stack(total).reshape(len(RHOS), *q.shape[:-3])
@@ -122,13 +123,17 @@ def _bands(windows: Windows) -> Tensor:
 
 
 def _likelihood(power: Tensor, noisy: Tensor, bands: Tensor, size: Tensor) -> Tensor:
-    """Of priors ``(M, W)`` in units of ``size (N, C)``, all alike: ``(N windows, C)``."""
+    """Of powers with noise ``(M, W)``, in units of ``size (N, C)``: ``(N windows, C)``.
+
+    All are alike before anything is seen. The first coefficient does not count.
+    """
     mean = bands / bands.sum(-1, keepdim=True).clamp(min=1.0)
     scaled = power.unflatten(0, (len(size), -1)) / size[:, None, None].square()
     misfit = times((1.0 / noisy) @ (-0.5 * mean.mT), scaled.flatten(0, 1))
     misfit = misfit - 0.5 * torch.log(noisy).sum(-1)[:, None]
     each = _log_total(misfit).unflatten(0, (len(size), -1))
-    return (each - noisy.shape[1] * torch.log(size)[:, None]).flatten(0, 1)
+    degrees = noisy.shape[1] - 1
+    return (each - degrees * torch.log(size)[:, None]).flatten(0, 1)
 
 
 def _log_total(x: Tensor) -> Tensor:

@@ -140,6 +140,9 @@ def _gains(
     power = coefficients.square().unflatten(-1, (-1, together)).sum(-1)
     if noise_power is None:
         gain = _mean_gains(power, family + 1.0, family, together)
+    elif torch.compiler.is_compiling():  # half of the windows may be one, which needs its own graph
+        noisy = (family + noise_power.flatten(0, 1)[:, None]).unflatten(0, noise_power.shape[:2])
+        gain = _gains_of_parts(power, noisy, family, together)
     else:
         parts, columns = _by_noise(power, noise_power)
         noisy = family + noise_power.flatten(0, 1).repeat_interleave(2, 0)[:, None]
@@ -151,6 +154,16 @@ def _mean_gains(power: Tensor, noisy: Tensor, family: Tensor, together: int) -> 
     """For powers ``(B, W, C)`` and noisy priors ``(M, W)`` or ``(B, M, W)``."""
     misfit = times(1.0 / noisy, power) + together * torch.log(noisy).sum(-1)[..., None]
     return times((family / noisy).mT, torch.softmax(-0.5 * misfit, -2))
+
+
+def _gains_of_parts(power: Tensor, noisy: Tensor, family: Tensor, together: int) -> Tensor:
+    """The same for all powers ``(N windows, W, C)`` and ``(N, G, M, W)``; takes more memory."""
+    windows = power.shape[0] // noisy.shape[0]
+    parts = zip(power.chunk(noisy.shape[1], -1), noisy.unbind(1), strict=True)
+    gains = [
+        _mean_gains(x, each.repeat_interleave(windows, 0), family, together) for x, each in parts
+    ]
+    return torch.cat(gains, -1)
 
 
 def _by_noise(power: Tensor, noise_power: Tensor) -> tuple[Tensor, tuple[int, ...]]:
