@@ -39,7 +39,9 @@ def local_spectrum_filter(
             largest weight of its joint counts as one of twice the noise power.
         window: Length of a window [frames], >= 2.
         sigma: Standard deviation of each component of the noise [rad], > 0; one value or one per
-            joint. ``None``: :func:`torchquat.noise.estimate_sigma`.
+            joint; the noise is white then. ``None``: found as by
+            :func:`torchquat.noise.estimate_sigma`, and with it the correlation of neighbouring
+            frames that the noise of all joints has.
 
     Returns:
         Unit quaternions ``(..., T, J, 4)``. Derivatives take gains, axes and the noise as given:
