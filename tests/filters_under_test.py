@@ -41,6 +41,8 @@ SYMMETRIC: dict[str, nn.Module] = {
     "median": MedianFilter(2),
     "median-truncate": MedianFilter(1, boundary="truncate"),
     "hampel": HampelFilter(2, 1.0),
+    "auto": AutoDenoiser(),
+    "local-spectrum": LocalSpectrumFilter(),
     "local-spectrum-short": LocalSpectrumFilter(6, sigma=0.2),
     "repair": OutlierRepair(),
 }
@@ -65,8 +67,6 @@ ASYMMETRIC: dict[str, nn.Module] = {
 }
 """One side counts more than the other, or even frames for something else than odd ones."""
 MIXING: dict[str, nn.Module] = {
-    "auto": AutoDenoiser(),
-    "local-spectrum": LocalSpectrumFilter(),
     "nonlocal-pose": NonLocalPoseMeans(0.3, patch_radius=1, search_radius=4, boundary="reflect"),
     "principal-components": PrincipalComponentFilter(4),
     "principal-components-share": PrincipalComponentFilter(0.8),
