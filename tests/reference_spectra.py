@@ -37,9 +37,23 @@ def window_starts(frames, window):
     return size, ahead + [beyond - start for start in reversed(ahead)]
 
 
-def wiener_gains(spectra):
-    """For channels with a common prior, ``(channels, W)``: the gain of every coefficient."""
+def correlated_power(size, rho):
+    """Of noise with ``rho**lag``, in every cosine: ``b^T C b``."""
+    power = []
+    for k in range(size):
+        b = np.array([math.cos(math.pi * k * (n + 0.5) / size) for n in range(size)])
+        covariance = [[rho ** abs(i - j) for i in range(size)] for j in range(size)]
+        power.append(b @ np.array(covariance) @ b / (b @ b))
+    return power
+
+
+def wiener_gains(spectra, colour=None):
+    """For channels with a common prior, ``(channels, W)``: the gain of every coefficient.
+
+    ``colour`` is the power of the noise in each of them, 1 if it is white.
+    """
     size = spectra.shape[1]
+    noise = [1.0] * size if colour is None else colour
     priors, scores = [], []
     for steepness in (2, 3, 4, 5, 6):
         for level in range(-4, 21):
@@ -47,16 +61,16 @@ def wiener_gains(spectra):
             prior = [1e6] + [math.exp(level) * f**-steepness for f in frequency[1:]]
             score = 0.0
             for channel in spectra:
-                for power, y in zip(prior, channel, strict=True):
-                    score -= 0.5 * (math.log(power + 1) + y * y / (power + 1))
+                for power, n, y in zip(prior, noise, channel, strict=True):
+                    score -= 0.5 * (math.log(power + n) + y * y / (power + n))
             priors.append(np.array(prior))
             scores.append(score)
     belief = np.exp(np.array(scores) - max(scores))
     belief /= belief.sum()
-    return sum(b * p / (p + 1) for b, p in zip(belief, priors, strict=True))
+    return sum(b * p / (p + np.array(noise)) for b, p in zip(belief, priors, strict=True))
 
 
-def shrunk(away, path, window, together):
+def shrunk(away, path, window, together, colour=None):
     """What to add to the path; all in units of the noise, ``(T, 3)``."""
     frames = len(path)
     size, starts = window_starts(frames, window)
@@ -72,7 +86,7 @@ def shrunk(away, path, window, together):
         spectra = (basis @ (known + away[part])).T
         groups = [[0, 1, 2]] if together == 3 else [[0], [1], [2]]
         for group in groups:
-            gain = wiener_gains(spectra[group])
+            gain = wiener_gains(spectra[group], colour)
             for channel in group:
                 change = basis.T @ (gain * spectra[channel]) - known[:, channel]
                 total[part, channel] += taper[:, 0] * change

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-__all__ = ["Windows", "shrunk", "windows_of"]
+__all__ = ["Windows", "correlated_power", "power_laws", "shrunk", "times", "windows_of"]
 
 HOPS = 8  # windows over every frame
 SLOPES = (2.0, 3.0, 4.0, 5.0, 6.0)  # exponents of the power laws
@@ -22,14 +22,27 @@ class Windows(NamedTuple):
     basis: Tensor  # (W, W): orthonormal cosines, one a row
     taper: Tensor  # (W, 1)
     family: Tensor  # (M, W): prior powers, in units of the noise
+    frequency: Tensor  # (W,): half cycles in 64 frames
 
 
-def windows_of(frames: int, window: int, like: Tensor) -> Windows:
-    """Windows over a sequence, symmetric in time; one that is too short gets shorter windows."""
+def windows_of(
+    frames: int, window: int, like: Tensor, *, hops: int = HOPS, most: int | None = None
+) -> Windows:
+    """Windows over a sequence, symmetric in time; one that is too short gets shorter windows.
+
+    Args:
+        frames: Length of the sequence, >= 1.
+        window: Length of a window, >= 2.
+        like: Has the dtype and device that are wanted.
+        hops: How many windows see a frame.
+        most: How many windows there are at most, even; some frames may be seen by none.
+    """
     size = torch.sym_min(frames, window)
-    hop = max(window // HOPS, 1)
+    hop = max(window // hops, 1)
     beyond = frames - size
     pairs = (beyond + 2 * hop - 1) // (2 * hop) + torch.sym_min(beyond, 1)
+    if most is not None:
+        pairs = torch.sym_min(pairs, most // 2)
     count = torch.sym_max(2 * pairs, 2)  # one alone would be multiplied by another kernel
     index = torch.arange(count, device=like.device)
     ahead = index * beyond // (count - 1)
@@ -41,36 +54,66 @@ def windows_of(frames: int, window: int, like: Tensor) -> Windows:
     basis = torch.cos(math.pi * frequency[:, None] * middle)
     basis = basis / basis.square().sum(-1, keepdim=True).sqrt()
     taper = torch.sin(math.pi * middle)[:, None]
-    family = _family(frequency * (64.0 / size))
+    frequency = frequency * (64.0 / size)
+    family = power_laws(frequency, LEVELS, SLOPES)
     basis, taper, family = (x.to(like.dtype) for x in (basis, taper, family))
-    return Windows(start[:, None] + place, basis, taper, family)
+    return Windows(start[:, None] + place, basis, taper, family, frequency)
 
 
-def _family(frequency: Tensor) -> Tensor:
-    """Power laws of half cycles in 64 frames, flat below one half."""
-    steepness = torch.tensor(SLOPES, dtype=torch.float64, device=frequency.device)
-    low, high, count = LEVELS
+def power_laws(
+    frequency: Tensor, levels: tuple[float, float, int], slopes: tuple[float, ...]
+) -> Tensor:
+    """Power laws of half cycles in 64 frames, flat below one half, ``(M, W)``."""
+    steepness = torch.tensor(slopes, dtype=torch.float64, device=frequency.device)
+    low, high, count = levels
     level = torch.linspace(low, high, count, dtype=torch.float64, device=frequency.device)
     decay = torch.log(frequency.clamp(min=0.5))
     power = torch.exp(level[:, None, None] - steepness[:, None] * decay).flatten(0, 1)
     return torch.where(frequency == 0, CONSTANT, power)
 
 
-def shrunk(x: Tensor, path: Tensor, windows: Windows, together: int) -> Tensor:
-    r"""Posterior means of a path seen in white noise of unit power.
+def correlated_power(basis: Tensor, rho: Tensor) -> Tensor:
+    r"""Power of each coefficient of noise whose frames l apart have the correlation rho^l.
+
+    .. math:: n_k = \sum_{ij} b_{ki} b_{kj} \rho^{|i - j|}
+
+    Args:
+        basis: Orthonormal rows ``(W, W)``.
+        rho: Correlation of neighbouring frames ``(...)``, in [0, 1).
+
+    Returns:
+        Powers ``(..., W)``; all 1, to the last bit, where ``rho`` is 0.
+    """
+    place = torch.arange(basis.shape[0], device=basis.device)
+    apart = (place[:, None] - place).abs()
+    decay = rho[..., None] ** place.clamp(min=1)  # no 0^0
+    decay = torch.where(place == 0, 0.0, decay)
+    return 1.0 + ((decay[..., apart] @ basis.mT) * basis.mT).sum(-2)
+
+
+def shrunk(
+    x: Tensor,
+    path: Tensor,
+    windows: Windows,
+    together: int,
+    noise_power: Tensor | None = None,
+) -> Tensor:
+    r"""Posterior means of a path seen in noise of unit power, white or not.
 
     In every window the coefficients :math:`y_k` of a channel have one of the prior powers
     :math:`s_{mk}` of the family, all alike before anything is seen:
 
     .. math::
-        \hat y_k = y_k \sum_m p_m \frac{s_{mk}}{s_{mk} + 1}, \quad
-        \log p_m = -\frac12 \sum_k \Big(\log(s_{mk} + 1) + \frac{y_k^2}{s_{mk} + 1}\Big) + c
+        \hat y_k = y_k \sum_m p_m \frac{s_{mk}}{s_{mk} + n_k}, \quad
+        \log p_m = -\frac12 \sum_k \Big(\log(s_{mk} + n_k) + \frac{y_k^2}{s_{mk} + n_k}\Big) + c
 
     Args:
         x: How far the data lie from the path ``(N, T, C)``; derivatives follow it alone.
         path: Path ``(N, T, C)``, counted with the data.
         windows: From :func:`windows_of`.
         together: Neighbouring channels that share a prior, a divisor of ``C``.
+        noise_power: Power of the noise in every coefficient ``(N, G, W)``, > 0; each of G equal
+            parts of the channels has its own, whole priors to a part. ``None``: 1, white noise.
 
     Returns:
         What to add to the path, ``(N, T, C)``.
@@ -81,26 +124,68 @@ def shrunk(x: Tensor, path: Tensor, windows: Windows, together: int) -> Tensor:
     known = path.index_select(1, places).reshape(-1, size, channels)
     known = known - known.mean(1, keepdim=True)
     seen = x.index_select(1, places).reshape(-1, size, channels)
-    coefficients = _times(windows.basis, known + seen)
-    gain = _gains(coefficients.detach(), windows.family, together)
-    change = _times(windows.basis.mT, gain * coefficients) - known
+    coefficients = times(windows.basis, known + seen)
+    gain = _gains(coefficients.detach(), windows.family, together, noise_power)
+    change = times(windows.basis.mT, gain * coefficients) - known
     ahead = (windows.taper * change).reshape(batch, -1, channels)
     weight = windows.taper.expand(windows.frame.shape[0], -1, -1).reshape(-1, 1)
     total = torch.zeros_like(x).index_add(1, places, ahead)
     return total / weight.new_zeros(frames, 1).index_add(0, places, weight)
 
 
-def _gains(coefficients: Tensor, family: Tensor, together: int) -> Tensor:
+def _gains(
+    coefficients: Tensor, family: Tensor, together: int, noise_power: Tensor | None
+) -> Tensor:
     """Mean Wiener gains ``(N, W, C)`` under the evidence of each window and channel."""
-    noisy = family + 1.0
     power = coefficients.square().unflatten(-1, (-1, together)).sum(-1)
-    misfit = _times(1.0 / noisy, power) + together * torch.log(noisy).sum(-1)[:, None]
-    gain = _times((family / noisy).mT, torch.softmax(-0.5 * misfit, 1))
+    if noise_power is None:
+        gain = _mean_gains(power, family + 1.0, family, together)
+    elif torch.compiler.is_compiling():  # half of the windows may be one, which needs its own graph
+        noisy = (family + noise_power.flatten(0, 1)[:, None]).unflatten(0, noise_power.shape[:2])
+        gain = _gains_of_parts(power, noisy, family, together)
+    else:
+        parts, columns = _by_noise(power, noise_power)
+        noisy = family + noise_power.flatten(0, 1).repeat_interleave(2, 0)[:, None]
+        gain = _from_parts(_mean_gains(parts, noisy, family, together), columns)
     return gain.repeat_interleave(together, -1)
 
 
-def _times(matrix: Tensor, x: Tensor) -> Tensor:
-    """One matrix ``(M, W)`` times each of ``(N, W, C)``, to the same bits whatever N is.
+def _mean_gains(power: Tensor, noisy: Tensor, family: Tensor, together: int) -> Tensor:
+    """For powers ``(B, W, C)`` and noisy priors ``(M, W)`` or ``(B, M, W)``."""
+    misfit = times(1.0 / noisy, power) + together * torch.log(noisy).sum(-1)[..., None]
+    return times((family / noisy).mT, torch.softmax(-0.5 * misfit, -2))
+
+
+def _gains_of_parts(power: Tensor, noisy: Tensor, family: Tensor, together: int) -> Tensor:
+    """The same for all powers ``(N windows, W, C)`` and ``(N, G, M, W)``; takes more memory."""
+    windows = power.shape[0] // noisy.shape[0]
+    parts = zip(power.chunk(noisy.shape[1], -1), noisy.unbind(1), strict=True)
+    gains = [
+        _mean_gains(x, each.repeat_interleave(windows, 0), family, together) for x, each in parts
+    ]
+    return torch.cat(gains, -1)
+
+
+def _by_noise(power: Tensor, noise_power: Tensor) -> tuple[Tensor, tuple[int, ...]]:
+    """All that sees the same noise as the columns of one matrix, in two halves.
+
+    One matrix alone would be multiplied by another kernel than several are.
+    """
+    items, groups = noise_power.shape[:2]
+    size, channels = power.shape[1:]
+    split = power.reshape(items, 2, -1, size, groups, channels // groups)
+    moved = split.permute(0, 4, 1, 3, 2, 5)  # item, group, half, W, window, channel
+    return moved.reshape(items * groups * 2, size, -1), moved.shape
+
+
+def _from_parts(gain: Tensor, shape: tuple[int, ...]) -> Tensor:
+    """Back to ``(N, W, C)``."""
+    moved = gain.reshape(shape).permute(0, 2, 4, 3, 1, 5)
+    return moved.reshape(-1, shape[3], shape[1] * shape[5])
+
+
+def times(matrix: Tensor, x: Tensor) -> Tensor:
+    """A matrix ``(M, W)``, or ``(N, M, W)``, times ``(N, W, C)``, to the same bits whatever N is.
 
     Products of rows that end at odd places in memory would depend on where they lie.
     """

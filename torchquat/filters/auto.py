@@ -6,8 +6,10 @@ import torch
 from torch import Tensor, nn
 
 from torchquat import so3, timeline
+from torchquat.filters._correlation import noise_of
+from torchquat.filters._moving_frame import rough_motion
 from torchquat.filters.repair import mended
-from torchquat.filters.spectral import denoised, noise_level
+from torchquat.filters.spectral import ROUGH_RADIUS, denoised, noise_level
 
 __all__ = ["AutoDenoiser", "denoise"]
 
@@ -18,8 +20,8 @@ def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -
     """Remove the noise of a motion, whatever there is, and leave what is clean.
 
     Displaced stretches are moved back and wild samples replaced, as by :func:`torchquat.repair`.
-    The noise of every joint is estimated from the motion itself and removed, as by
-    :func:`torchquat.local_spectrum_filter`.
+    The noise of every joint is estimated from the motion itself, and so is how long it lasts, which
+    all joints have in common; it is removed as by :func:`torchquat.local_spectrum_filter`.
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
@@ -42,8 +44,9 @@ def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -
         level = noise_level(prepared, confidence, None)
         repaired, trust = mended(prepared, confidence, level[..., None, :])
         # what was replaced tells nothing of the noise, but is the best guess at the motion
-        level = noise_level(repaired, trust, None)
-        result = denoised(repaired, confidence, level, WINDOW)
+        motion = rough_motion(repaired.detach(), ROUGH_RADIUS)
+        level, rho = noise_of(repaired, motion, trust)
+        result = denoised(repaired, confidence, level, WINDOW, rho, motion)
         if strength != 1:
             result = so3.slerp(prepared, result, strength)
     return timeline.restore(result, prepared, q)

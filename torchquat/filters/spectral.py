@@ -8,13 +8,13 @@ from torch import Tensor, nn
 from torchquat import noise, so3, timeline
 from torchquat._checks import check_count, check_positive
 from torchquat.filters._bandwidth import Bandwidth, per_joint
-from torchquat.filters._local_spectra import Windows, shrunk, windows_of
+from torchquat.filters._correlation import noise_of, rounded
+from torchquat.filters._local_spectra import Windows, correlated_power, shrunk, windows_of
 from torchquat.filters._moving_frame import path_of, rough_motion
 
 __all__ = ["LocalSpectrumFilter", "denoised", "local_spectrum_filter", "noise_level"]
 
 ROUGH_RADIUS = 4  # [frames]
-STEP = 2.0**-8  # of the digits of estimated noise, 1/2 to 1
 
 
 def local_spectrum_filter(
@@ -39,7 +39,9 @@ def local_spectrum_filter(
             largest weight of its joint counts as one of twice the noise power.
         window: Length of a window [frames], >= 2.
         sigma: Standard deviation of each component of the noise [rad], > 0; one value or one per
-            joint. ``None``: :func:`torchquat.noise.estimate_sigma`.
+            joint; the noise is white then. ``None``: found as by
+            :func:`torchquat.noise.estimate_sigma`, and with it the correlation of neighbouring
+            frames that the noise of all joints has.
 
     Returns:
         Unit quaternions ``(..., T, J, 4)``. Derivatives take gains, axes and the noise as given:
@@ -55,9 +57,13 @@ def local_spectrum_filter(
     prepared, confidence = timeline.prepare(q, weight)
     if q.numel() == 0:
         return prepared.to(q.dtype)
-    level = noise_level(prepared, confidence, sigma)
     with torch.autocast(q.device.type, enabled=False):
-        result = denoised(prepared, confidence, level, window)
+        motion = rough_motion(prepared.detach(), ROUGH_RADIUS)
+        if sigma is None:
+            level, rho = noise_of(prepared, motion, confidence)
+        else:
+            level, rho = noise_level(prepared, confidence, sigma), None
+        result = denoised(prepared, confidence, level, window, rho, motion)
     return timeline.restore(result, prepared, q)
 
 
@@ -85,22 +91,29 @@ class LocalSpectrumFilter(nn.Module):
 
 
 def noise_level(q: Tensor, weight: Tensor | None, sigma: Bandwidth | None) -> Tensor:
-    """Noise of every joint [rad], given or estimated, ``(..., J)``.
-
-    An estimate is rounded: its last digits depend on what else is in the batch.
-    """
+    """White noise of every joint [rad], given or estimated, ``(..., J)``."""
     if sigma is not None:
         # a number would become float32 on its way: 1e-8 of it lost
         given = torch.as_tensor(
             per_joint("sigma", sigma, q), dtype=q.dtype, device=q.device
         ).detach()
         return given.to(q.dtype).expand(*q.shape[:-3], q.shape[-2])
-    digits, exponent = torch.frexp(noise.estimate_sigma(q.detach(), weight))
-    return torch.ldexp((digits / STEP).round() * STEP, exponent)
+    return rounded(noise.estimate_sigma(q.detach(), weight))
 
 
-def denoised(q: Tensor, weight: Tensor | None, sigma: Tensor, window: int) -> Tensor:
-    """Both passes; joints without noise stay as they are."""
+def denoised(
+    q: Tensor,
+    weight: Tensor | None,
+    sigma: Tensor,
+    window: int,
+    rho: Tensor | None = None,
+    motion: Tensor | None = None,
+) -> Tensor:
+    """Both passes; joints without noise stay as they are.
+
+    ``rho`` ``(..., G)`` is the correlation of neighbouring frames of the noise, of each of G equal
+    parts of the joints; ``None`` for white noise.
+    """
     noisy = (sigma > 0)[..., None, :, None]
     scale = torch.where(sigma > 0, sigma, 1.0)[..., None, :, None]
     trust = None
@@ -109,15 +122,18 @@ def denoised(q: Tensor, weight: Tensor | None, sigma: Tensor, window: int) -> Te
         noisy = noisy & (largest > 0)[..., None]
         trust = (weight / torch.where(largest > 0, largest, 1.0))[..., None].detach()
     windows = windows_of(q.shape[-3], window, q)
+    power = None
+    if rho is not None:
+        power = correlated_power(windows.basis, rho.reshape(-1, rho.shape[-1]))
     with torch.no_grad():
-        motion = rough_motion(q, ROUGH_RADIUS)
+        motion = rough_motion(q, ROUGH_RADIUS) if motion is None else motion
         path, away = path_of(motion) / scale, _away(q, motion, trust) / scale
-        move = _over_windows(away, path, windows, 3)
+        move = _over_windows(away, path, windows, 3, power)
         axes = _main_axes(path + move)
         motion = so3.turn(motion, scale * move)
         path = path_of(motion) / scale
     away = _away(q, motion, trust) / scale
-    move = _over_windows(_along(away, axes), _along(path, axes), windows, 1)
+    move = _over_windows(_along(away, axes), _along(path, axes), windows, 1, power)
     return torch.where(noisy, so3.turn(motion, scale * _along(move, axes.mT)), q)
 
 
@@ -127,9 +143,11 @@ def _away(q: Tensor, motion: Tensor, trust: Tensor | None) -> Tensor:
     return away if trust is None else trust * away
 
 
-def _over_windows(away: Tensor, path: Tensor, windows: Windows, together: int) -> Tensor:
+def _over_windows(
+    away: Tensor, path: Tensor, windows: Windows, together: int, power: Tensor | None
+) -> Tensor:
     seen, known = (x.reshape(-1, x.shape[-3], x.shape[-2] * 3) for x in (away, path))
-    return shrunk(seen, known, windows, together).reshape(away.shape)
+    return shrunk(seen, known, windows, together, power).reshape(away.shape)
 
 
 def _along(v: Tensor, axes: Tensor) -> Tensor:

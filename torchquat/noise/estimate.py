@@ -1,7 +1,7 @@
 """How much white noise there is in a motion that nobody has seen clean."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import torch
@@ -12,7 +12,7 @@ from torchquat._checks import check_signal
 from torchquat.noise._axes import AXES, least_axes
 from torchquat.noise._ranks import masked_mean, quantile, ranked, running_mean
 
-__all__ = ["estimate_sigma"]
+__all__ = ["estimate_sigma", "sigma_if_correlated"]
 
 ORDERS = (2, 4, 6, 8)  # of the differences; even ones have a frame in the middle
 CUT = 3.5  # standard deviations: longer vectors are something else than noise
@@ -29,6 +29,7 @@ LARGEST = 1.3  # [rad]; beyond it rotations lie so evenly that nothing tells siz
 class _Estimate(NamedTuple):
     """Mean squared difference per axis ``(..., J)``, its relative standard error, and if any."""
 
+    order: int
     power: Tensor
     error: Tensor
     known: Tensor
@@ -86,17 +87,42 @@ def estimate_sigma(q: Tensor, weight: Tensor | None = None) -> Tensor:
         Hall, Kay and Titterington, "Asymptotically optimal difference-based estimation of variance
         in nonparametric regression", Biometrika 1990, for differences in general.
     """
+    return sigma_if_correlated(q, weight, (0.0,))[0]
+
+
+def sigma_if_correlated(q: Tensor, weight: Tensor | None, rhos: Sequence[float]) -> Tensor:
+    r"""As :func:`estimate_sigma`, for noise as :func:`correlated` makes it.
+
+    Differences see less of such noise: their power is that of white noise times
+    :math:`\sum_l (-1)^l \binom{2p}{p + l} \rho^{|l|} / \binom{2p}{p}`.
+
+    Args:
+        q: As there.
+        weight: As there.
+        rhos: Correlations of neighbouring frames that may be the true one, in [0, 1).
+
+    Returns:
+        Standard deviations for each of them, ``(R, ..., J)``.
+    """
     check_signal(q, weight)
     with torch.no_grad():
         present = missing.validity(q.detach(), weight).mT
         unit = so3.normalize((q.float() if q.dtype.itemsize < 4 else q).detach())
         planes = torch.stack([plane.mT for plane in unit.unbind(-1)])  # (4, ..., J, T)
         power = _lowest(
-            estimate
+            estimate._replace(power=estimate.power / _seen(estimate.order, rhos, estimate.power))
             for found in _differences(*_side_by_side(planes, present))
             for estimate in _estimates(found)
         )
         return _size(power).to(q.dtype)
+
+
+def _seen(order: int, rhos: Sequence[float], like: Tensor) -> Tensor:
+    """Share of correlated noise that differences of an order see, ``(R, 1, ..., 1)``."""
+    full = math.comb(2 * order, order)
+    lags = {lag: 2.0 * math.comb(2 * order, order + lag) / full for lag in range(1, order + 1)}
+    shares = [1.0 + sum(part * (-rho) ** lag for lag, part in lags.items()) for rho in rhos]
+    return like.new_tensor(shares).reshape(-1, *(1,) * like.dim())
 
 
 def _side_by_side(planes: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
@@ -151,7 +177,7 @@ def _estimates(found: _Differences) -> Iterator[_Estimate]:
         enough = independent >= LEAST_COUNT
         axes = least_axes(found.vector, chosen, independent.clamp(min=LEAST_COUNT))
         for ratio, error, known in axes:
-            yield _Estimate(power.squeeze(-1) * ratio, error, known & enough)
+            yield _Estimate(found.order, power.squeeze(-1) * ratio, error, known & enough)
 
 
 def _truncated(square: Tensor, valid: Tensor) -> Tensor:
@@ -181,7 +207,7 @@ def _lowest(estimates: Iterator[_Estimate]) -> Tensor:
     """
     surest = next(estimates)
     best = bound = surest.power
-    for power, error, known in estimates:
+    for _, power, error, known in estimates:
         apart = (error.square() - surest.error.square()).clamp(min=0.0).sqrt()
         own = power * (1.0 + DOUBT * apart).square()
         lower = known & (own < bound)
