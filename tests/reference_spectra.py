@@ -28,7 +28,7 @@ def summed_steps(motion):
 
 
 def window_starts(frames, window):
-    size, hop = min(frames, window), max(window // 8, 1)
+    size, hop = min(frames, window), max(window // 4, 1)
     beyond = frames - size
     if beyond == 0:
         return size, [0]

@@ -8,7 +8,7 @@ from torch import Tensor
 
 __all__ = ["Windows", "correlated_power", "power_laws", "shrunk", "times", "windows_of"]
 
-HOPS = 8  # windows over every frame
+HOPS = 4  # windows over every frame
 SLOPES = (2.0, 3.0, 4.0, 5.0, 6.0)  # exponents of the power laws
 LEVELS = (-4.0, 20.0, 25)  # logarithms of their power, in units of the noise: from, to, how many
 EVEN = 8  # columns at a time
