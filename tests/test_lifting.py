@@ -12,7 +12,7 @@ from torch.autograd import gradcheck, gradgradcheck
 from torchquat import LiftingStep, LiftingTransform, LinearUpdate, Pyramid, so3
 from torchquat.filters.lifting import WAVELETS
 
-LENGTHS = [*range(1, 65), 100, 127, 128, 129, 1000, 4097]
+LENGTHS = [*range(1, 35), 47, 63, 64, 65, 100, 127, 128, 129, 1000, 4097]
 
 
 class RandomPredict(nn.Module):

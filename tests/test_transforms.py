@@ -27,16 +27,16 @@ from torchquat import (
 )
 
 QUICK = {
-    "gaussian": GaussianFilter(0.6),
     "bilateral": BilateralFilter(0.6, 0.5),
     "nonlocal": NonLocalPoseMeans(0.2, patch_radius=1, search_radius=2),
     "lifting": LiftingDenoiser("haar", levels=1, rule=0.1),
-    "median": MedianFilter(1, iterations=1),
-    "principal-components": PrincipalComponentFilter(2),
     "local-spectrum-short": LocalSpectrumFilter(4, sigma=0.2),
 }
-"""One filter a family; compiling the others takes minutes in all, and is left to ``-m slow``."""
+"""One filter a paper and ours; compiling the others takes minutes, and is left to ``-m slow``."""
 OTHERS = {
+    "gaussian": GaussianFilter(0.6),
+    "median": MedianFilter(1, iterations=1),
+    "principal-components": PrincipalComponentFilter(2),
     "linear": LinearFilter([-0.1, 1.2, -0.1], boundary="extrapolate"),
     "moving-mean": MovingMeanFilter(),
     "savitzky-golay": SavitzkyGolayFilter(2, 2),
