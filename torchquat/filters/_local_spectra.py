@@ -6,7 +6,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-__all__ = ["Windows", "shrunk", "windows_of"]
+__all__ = ["Windows", "shrunk", "window_starts", "windows_of"]
 
 HOPS = 8  # windows over every frame
 SLOPES = (2.0, 3.0, 4.0, 5.0, 6.0)  # exponents of the power laws
@@ -27,14 +27,7 @@ class Windows(NamedTuple):
 def windows_of(frames: int, window: int, like: Tensor) -> Windows:
     """Windows over a sequence, symmetric in time; one that is too short gets shorter windows."""
     size = torch.sym_min(frames, window)
-    hop = max(window // HOPS, 1)
-    beyond = frames - size
-    pairs = (beyond + 2 * hop - 1) // (2 * hop) + torch.sym_min(beyond, 1)
-    count = torch.sym_max(2 * pairs, 2)  # one alone would be multiplied by another kernel
-    index = torch.arange(count, device=like.device)
-    ahead = index * beyond // (count - 1)
-    back = beyond - (count - 1 - index) * beyond // (count - 1)
-    start = torch.where(2 * index < count, ahead, back)
+    start = window_starts(frames, window, HOPS, like.device)
     place = torch.arange(size, device=like.device)
     frequency = place.to(torch.float64)
     middle = (frequency + 0.5) / size
@@ -44,6 +37,18 @@ def windows_of(frames: int, window: int, like: Tensor) -> Windows:
     family = _family(frequency * (64.0 / size))
     basis, taper, family = (x.to(like.dtype) for x in (basis, taper, family))
     return Windows(start[:, None] + place, basis, taper, family)
+
+
+def window_starts(frames: int, window: int, hops: int, device: torch.device) -> Tensor:
+    """First frames ``(N,)`` of windows, ``hops`` or more over every frame, symmetric in time."""
+    hop = max(window // hops, 1)
+    beyond = frames - torch.sym_min(frames, window)
+    pairs = (beyond + 2 * hop - 1) // (2 * hop) + torch.sym_min(beyond, 1)
+    count = torch.sym_max(2 * pairs, 2)  # one alone would be multiplied by another kernel
+    index = torch.arange(count, device=device)
+    ahead = index * beyond // (count - 1)
+    back = beyond - (count - 1 - index) * beyond // (count - 1)
+    return torch.where(2 * index < count, ahead, back)
 
 
 def _family(frequency: Tensor) -> Tensor:
