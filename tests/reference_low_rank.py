@@ -13,9 +13,7 @@ from reference_spectra import rough_motion, summed_steps
 def starts_of(frames, span):
     """Windows over every frame, two at least, symmetric in time."""
     beyond = frames - min(frames, span)
-    if beyond == 0:
-        return [0]
-    half = math.ceil(beyond / (2 * (span // 2))) + 1
+    half = math.ceil((beyond / (span // 2) + 1) / 2)
     ahead = [(i * beyond) // (2 * half - 1) for i in range(half)]
     return ahead + [beyond - start for start in reversed(ahead)]
 

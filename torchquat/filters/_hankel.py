@@ -6,12 +6,10 @@ import torch
 from torch import Tensor
 
 from torchquat._eager import visible
-from torchquat.filters._local_spectra import window_starts
 
 __all__ = ["SPAN", "shrunk_trajectories"]
 
-SPAN = 256  # longest stretch of time in one matrix [frames]
-HOPS = 2  # stretches over every frame
+SPAN = 128  # longest stretch of time in one matrix [frames]
 AT_A_TIME = 8  # stretches, to bound memory
 
 
@@ -28,8 +26,8 @@ def shrunk_trajectories(x: Tensor, path: Tensor, stack: int, channels: Tensor) -
         What to add to the path, ``(N, T, C)``.
     """
     batch, frames, width = x.shape
-    size = torch.sym_min(frames, SPAN)
-    start = window_starts(frames, SPAN, HOPS, x.device)
+    size = _smaller(frames, SPAN)
+    start = _starts(frames, SPAN, x.device)
     places = (start[:, None] + torch.arange(size, device=x.device)).flatten()
     known, seen = (y.index_select(1, places).reshape(-1, size, width) for y in (path, x))
     known = known - known.mean(1, keepdim=True)
@@ -42,15 +40,31 @@ def shrunk_trajectories(x: Tensor, path: Tensor, stack: int, channels: Tensor) -
     return total / weight.new_zeros(frames, 1).index_add(0, places, weight)
 
 
+def _smaller(a: int, b: int) -> int:
+    """The smaller length, of an open one too."""
+    return torch.sym_min(a, b)  # pyright: ignore[reportReturnType]
+
+
+def _starts(frames: int, span: int, device: torch.device) -> Tensor:
+    """First frames ``(N,)`` of stretches that overlap by half or more, symmetric in time."""
+    hop = span // 2
+    beyond = frames - _smaller(frames, span)
+    count = 2 * ((beyond + 3 * hop - 1) // (2 * hop))  # one alone would have another kernel
+    index = torch.arange(count, device=device)
+    ahead = index * beyond // (count - 1)
+    back = beyond - (count - 1 - index) * beyond // (count - 1)
+    return torch.where(2 * index < count, ahead, back)
+
+
 def _in_parts(known: Tensor, seen: Tensor, count: Tensor, stack: int) -> Tensor:
     """A few stretches at a time, where nothing but memory depends on how many."""
     parts = known.shape[0] // AT_A_TIME if visible(known) else 1
     split = [y.tensor_split(max(parts, 1)) for y in (known, seen, count)]
-    changes = [_change(*part, stack) for part in zip(*split, strict=True)]
+    changes = [_change(*part, stack=stack) for part in zip(*split, strict=True)]
     return changes[0] if len(changes) == 1 else torch.cat(changes)
 
 
-def _change(known: Tensor, seen: Tensor, count: Tensor, stack: int) -> Tensor:
+def _change(known: Tensor, seen: Tensor, count: Tensor, *, stack: int) -> Tensor:
     """What shrinkage adds to known trajectories ``(N, S, C)`` whose centres are 0."""
     middle = seen.mean(1, keepdim=True)
     data = known + (seen - middle)
@@ -67,7 +81,7 @@ def _smoother(data: Tensor, count: Tensor, stack: int) -> Tensor:
     the mean of rows a - k of :math:`P X_k`: a sum over the diagonals of P.
     """
     size = data.shape[1]
-    lags = torch.sym_min((size + 1) // 2, stack)  # short stretches: about as many rows as lags
+    lags = _smaller((size + 1) // 2, stack)  # short stretches: about as many rows as lags
     place = torch.arange(size, device=data.device)
     inside = (place <= size - lags).to(data)
     rows = (inside[:, None] * inside) * _along_diagonals(data @ data.mT, lags, stack, 1)
@@ -75,9 +89,7 @@ def _smoother(data: Tensor, count: Tensor, stack: int) -> Tensor:
     gain = _gains(power, size - lags + 1, lags * count)
     kept = (modes * gain[:, None, :]) @ modes.mT
     kept = (inside[:, None] * inside) * kept
-    rows_over = torch.minimum(place + 1, size - place).clamp(
-        max=torch.sym_min(lags, size - lags + 1)
-    )
+    rows_over = torch.minimum(place + 1, size - place).clamp(max=_smaller(lags, size - lags + 1))
     return _along_diagonals(kept, lags, stack, -1) / rows_over[:, None]
 
 

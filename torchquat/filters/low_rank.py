@@ -36,7 +36,7 @@ def low_rank_filter(
         \eta(y) = \frac{\sqrt{(y^2 - \beta - 1)^2 - 4 \beta}}{y}
 
     for :math:`y > 1 + \sqrt\beta` and 0 below, in units of the noise times the root of the longer
-    side; :math:`\beta` is the ratio of the sides. Stretches of 256 frames overlap by half and
+    side; :math:`\beta` is the ratio of the sides. Stretches of 128 frames overlap by half and
     more, and are blended. Joints share modes, on purpose. A joint without noise stays as it is,
     and takes no part.
 
