@@ -13,6 +13,7 @@ from torchquat import (
     LiftingDenoiser,
     LinearFilter,
     LocalSpectrumFilter,
+    LowRankFilter,
     MedianFilter,
     MovingMeanFilter,
     NonLocalPoseMeans,
@@ -70,6 +71,8 @@ MIXING: dict[str, nn.Module] = {
     "nonlocal-pose": NonLocalPoseMeans(0.3, patch_radius=1, search_radius=4, boundary="reflect"),
     "principal-components": PrincipalComponentFilter(4),
     "principal-components-share": PrincipalComponentFilter(0.8),
+    "low-rank": LowRankFilter(),
+    "low-rank-short": LowRankFilter(3, sigma=0.2),
     "kernel-pca": KernelPCAFilter(4),
     "kernel-pca-narrow": KernelPCAFilter(0.8, sigma=0.3, landmarks=8, iterations=4),
 }

@@ -16,6 +16,7 @@ from torchquat import (
     LiftingDenoiser,
     LinearFilter,
     LocalSpectrumFilter,
+    LowRankFilter,
     MedianFilter,
     MovingMeanFilter,
     NonLocalPoseMeans,
@@ -49,6 +50,8 @@ OTHERS = {
     "hampel": HampelFilter(1, 1.0, iterations=2),
     "kernel-pca": KernelPCAFilter(0.8, sigma=0.3, landmarks=8, iterations=2),
     "local-spectrum": LocalSpectrumFilter(),
+    "low-rank": LowRankFilter(),
+    "low-rank-short": LowRankFilter(3, sigma=0.2),
     "auto": AutoDenoiser(),
     "repair": OutlierRepair(),
 }

@@ -24,6 +24,7 @@ from torchquat.filters.linear import (
     gaussian_filter,
     linear_filter,
 )
+from torchquat.filters.low_rank import LowRankFilter, low_rank_filter
 from torchquat.filters.moving_mean import MovingMeanFilter, moving_mean_filter
 from torchquat.filters.nonlocal_means import (
     NonLocalPoseMeans,
@@ -64,6 +65,7 @@ __all__ = [
     "LinearPredict",
     "LinearUpdate",
     "LocalSpectrumFilter",
+    "LowRankFilter",
     "MedianFilter",
     "MovingMeanFilter",
     "NonLocalPoseMeans",
@@ -84,6 +86,7 @@ __all__ = [
     "lifting_denoiser",
     "linear_filter",
     "local_spectrum_filter",
+    "low_rank_filter",
     "median_filter",
     "moving_mean_filter",
     "nonlocal_pose_means",
