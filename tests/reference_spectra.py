@@ -27,8 +27,8 @@ def summed_steps(motion):
     return np.array(path)
 
 
-def window_starts(frames, window):
-    size, hop = min(frames, window), max(window // 4, 1)
+def window_starts(frames, window, hops=4):
+    size, hop = min(frames, window), max(window // hops, 1)
     beyond = frames - size
     if beyond == 0:
         return size, [0]
@@ -47,33 +47,38 @@ def correlated_power(size, rho):
     return power
 
 
-def wiener_gains(spectra, colour=None):
-    """For channels with a common prior, ``(channels, W)``: the gain of every coefficient.
+def beliefs(spectra, colour=None):
+    """For channels with a common prior, ``(channels, W)``: gains of every prior, and odds.
 
-    ``colour`` is the power of the noise in each of them, 1 if it is white.
+    ``colour`` is the power of the noise in each coefficient, 1 if it is white.
     """
     size = spectra.shape[1]
     noise = [1.0] * size if colour is None else colour
-    priors, scores = [], []
+    gains, scores = [], []
     for steepness in (2, 3, 4, 5, 6):
-        for level in range(-4, 21):
+        for level in range(-4, 21, 2):
             frequency = [max(64.0 * k / size, 0.5) for k in range(size)]
             prior = [1e6] + [math.exp(level) * f**-steepness for f in frequency[1:]]
             score = 0.0
             for channel in spectra:
                 for power, n, y in zip(prior, noise, channel, strict=True):
                     score -= 0.5 * (math.log(power + n) + y * y / (power + n))
-            priors.append(np.array(prior))
+            gains.append([p / (p + n) for p, n in zip(prior, noise, strict=True)])
             scores.append(score)
     belief = np.exp(np.array(scores) - max(scores))
-    belief /= belief.sum()
-    return sum(b * p / (p + np.array(noise)) for b, p in zip(belief, priors, strict=True))
+    return np.array(gains), belief / belief.sum()
 
 
-def shrunk(away, path, window, together, colour=None):
+def wiener_gains(spectra, colour=None):
+    """For channels with a common prior, ``(channels, W)``: the gain of every coefficient."""
+    gains, belief = beliefs(spectra, colour)
+    return belief @ gains
+
+
+def shrunk(away, path, window, together, colour=None, hops=4):
     """What to add to the path; all in units of the noise, ``(T, 3)``."""
     frames = len(path)
-    size, starts = window_starts(frames, window)
+    size, starts = window_starts(frames, window, hops)
     total, weight = np.zeros((frames, 3)), np.zeros((frames, 1))
     basis = np.array(
         [[math.cos(math.pi * k * (n + 0.5) / size) for n in range(size)] for k in range(size)]

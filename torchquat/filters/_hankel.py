@@ -1,43 +1,109 @@
 """Optimal shrinkage of the singular values of Hankel matrices, in overlapping windows of time."""
 
 import math
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from torchquat._eager import visible
+from torchquat.filters._local_spectra import times
 
-__all__ = ["SPAN", "shrunk_trajectories"]
+__all__ = ["SPAN", "Smoother", "freedom", "smoothed", "smoother_of"]
 
 SPAN = 128  # longest stretch of time in one matrix [frames]
 AT_A_TIME = 8  # stretches, to bound memory
+STEEPEST = 0.1  # least root in a slope, which has no bound where a singular value starts to count
 
 
-def shrunk_trajectories(x: Tensor, path: Tensor, stack: int, channels: Tensor) -> Tensor:
-    """Trajectories seen in white noise of unit power, brought near to what few modes can express.
+class Smoother(NamedTuple):
+    """What the data of overlapping stretches of time have made of a linear smoother.
+
+    Attributes:
+        matrix: Of every stretch ``(N stretches, S, S)``; means are kept beside it.
+        ratio: How much more than these matrices tell the result follows its data, as they are
+            made of them, too, ``(N stretches,)``.
+        frame: Frame of each place ``(stretches, S)``.
+    """
+
+    matrix: Tensor
+    ratio: Tensor
+    frame: Tensor
+
+
+def smoother_of(
+    x: Tensor, path: Tensor, stack: int, channels: Tensor, span: int | None = None
+) -> Smoother:
+    """Learn from trajectories seen in white noise of unit power what few modes can express.
 
     Args:
-        x: How far the data lie from the path ``(N, T, C)``; derivatives follow it alone.
+        x: How far the data lie from the path ``(N, T, C)``.
         path: Path ``(N, T, C)``, counted with the data.
         stack: Consecutive frames in a row of the Hankel matrix.
         channels: How many of the C channels are more than zeros, ``(N,)``.
+        span: Longest stretch of time [frames]; ``None``: ``SPAN``.
 
     Returns:
-        What to add to the path, ``(N, T, C)``.
+        The smoother, without a gradient.
     """
-    batch, frames, width = x.shape
-    size = _smaller(frames, SPAN)
-    start = _starts(frames, SPAN, x.device)
-    places = (start[:, None] + torch.arange(size, device=x.device)).flatten()
-    known, seen = (y.index_select(1, places).reshape(-1, size, width) for y in (path, x))
-    known = known - known.mean(1, keepdim=True)
+    span = SPAN if span is None else span
+    start = _starts(x.shape[1], span, x.device)
+    frame = start[:, None] + torch.arange(_smaller(x.shape[1], span), device=x.device)
     count = channels[:, None].expand(-1, start.shape[0]).flatten()
-    change = _in_parts(known, seen, count, stack)
-    middle = (torch.arange(size, device=x.device, dtype=torch.float64) + 0.5) / size
-    taper = torch.sin(math.pi * middle).square().to(x.dtype)[:, None]
-    weight = taper.expand(start.shape[0], -1, -1).reshape(-1, 1)
-    total = torch.zeros_like(x).index_add(1, places, (taper * change).reshape(batch, -1, width))
-    return total / weight.new_zeros(frames, 1).index_add(0, places, weight)
+    with torch.no_grad():
+        known, seen = (_cut(y, frame) for y in (path, x))
+        matrix, ratio = _in_parts(_centred(known) + _centred(seen), count, stack)
+    return Smoother(matrix, ratio, frame)
+
+
+def smoothed(x: Tensor, path: Tensor, smoother: Smoother) -> Tensor:
+    """What the smoother adds to the path ``(N, T, C)``, given how far the data lie from it."""
+    known, seen = (_cut(y, smoother.frame) for y in (path, x))
+    known, away = _centred(known), _centred(seen)
+    change = times(smoother.matrix, known + away) + (seen - away) - known
+    return _blended(change, smoother, x.shape)
+
+
+def freedom(smoother: Smoother, shape: torch.Size, colour: Tensor | None = None) -> Tensor:
+    r"""How far the result of every frame follows its own noise, ``(N, T, 1)``, a channel.
+
+    .. math:: f_a = \sum_b \frac{\partial \hat x_a}{\partial x_b} C_{ab}
+
+    Args:
+        smoother: From :func:`smoother_of`.
+        shape: Of the trajectories ``(N, T, C)``.
+        colour: Correlations of the noise at lags from 0 on ``(N, S)``; ``None`` for white noise.
+    """
+    size = smoother.frame.shape[1]
+    centred = smoother.matrix - smoother.matrix.mean(2, keepdim=True)
+    slope = smoother.ratio[:, None, None] * centred + 1.0 / size
+    if colour is None:
+        follow = slope.diagonal(dim1=1, dim2=2)
+    else:
+        place = torch.arange(size, device=slope.device)
+        apart = colour[:, (place[:, None] - place).abs()]
+        follow = (slope * apart.repeat_interleave(len(smoother.frame), 0)).sum(2)
+    return _blended(follow[..., None], smoother, torch.Size((*shape[:2], 1)))
+
+
+def _cut(y: Tensor, frame: Tensor) -> Tensor:
+    """Stretches ``(N stretches, S, C)``."""
+    return y.index_select(1, frame.flatten()).reshape(-1, frame.shape[1], y.shape[2])
+
+
+def _centred(y: Tensor) -> Tensor:
+    return y - y.mean(1, keepdim=True)
+
+
+def _blended(part: Tensor, smoother: Smoother, shape: torch.Size) -> Tensor:
+    """Tapered means ``(N, T, C)`` of what all stretches say about a frame."""
+    size, places = smoother.frame.shape[1], smoother.frame.flatten()
+    middle = (torch.arange(size, device=part.device, dtype=torch.float64) + 0.5) / size
+    taper = torch.sin(math.pi * middle).square().to(part.dtype)[:, None]
+    ahead = (taper * part).reshape(shape[0], -1, shape[2])
+    weight = taper.expand(smoother.frame.shape[0], -1, -1).reshape(-1, 1)
+    total = ahead.new_zeros(shape).index_add(1, places, ahead)
+    return total / weight.new_zeros(shape[1], 1).index_add(0, places, weight)
 
 
 def _smaller(a: int, b: int) -> int:
@@ -56,69 +122,91 @@ def _starts(frames: int, span: int, device: torch.device) -> Tensor:
     return torch.where(2 * index < count, ahead, back)
 
 
-def _in_parts(known: Tensor, seen: Tensor, count: Tensor, stack: int) -> Tensor:
+def _in_parts(data: Tensor, count: Tensor, stack: int) -> tuple[Tensor, Tensor]:
     """A few stretches at a time, where nothing but memory depends on how many."""
-    parts = known.shape[0] // AT_A_TIME if visible(known) else 1
-    split = [y.tensor_split(max(parts, 1)) for y in (known, seen, count)]
-    changes = [_change(*part, stack=stack) for part in zip(*split, strict=True)]
-    return changes[0] if len(changes) == 1 else torch.cat(changes)
+    parts = data.shape[0] // AT_A_TIME if visible(data) else 1
+    split = [y.tensor_split(max(parts, 1)) for y in (data, count)]
+    each = [_smoother(x, number, stack) for x, number in zip(*split, strict=True)]
+    if len(each) == 1:
+        return each[0]
+    matrix, ratio = (torch.cat(y) for y in zip(*each, strict=True))
+    return matrix, ratio
 
 
-def _change(known: Tensor, seen: Tensor, count: Tensor, *, stack: int) -> Tensor:
-    """What shrinkage adds to known trajectories ``(N, S, C)`` whose centres are 0."""
-    middle = seen.mean(1, keepdim=True)
-    data = known + (seen - middle)
-    smoother = _smoother(data.detach().double(), count, stack).to(data.dtype)
-    return torch.bmm(smoother, data) + middle - known
-
-
-def _smoother(data: Tensor, count: Tensor, stack: int) -> Tensor:
-    r"""Matrix ``(N, S, S)`` that shrinks the Hankel matrix of data and averages its diagonals back.
+def _smoother(data: Tensor, count: Tensor, stack: int) -> tuple[Tensor, Tensor]:
+    r"""Matrices ``(N, S, S)`` that shrink the Hankel matrix of data and average its diagonals back.
 
     With :math:`X_k` the rows k to k + R - 1 of the data, the Hankel matrix is
     :math:`H = (X_0, \ldots, X_{K-1})`, and shrinkage multiplies it by the gains :math:`g` of the
     squared singular values, :math:`P = g(H H^T) = g(\sum_k X_k X_k^T)`. Row a of the result is
     the mean of rows a - k of :math:`P X_k`: a sum over the diagonals of P.
     """
-    size = data.shape[1]
+    size, exact = data.shape[1], data.double()
     lags = _smaller((size + 1) // 2, stack)  # short stretches: about as many rows as lags
     place = torch.arange(size, device=data.device)
-    inside = (place <= size - lags).to(data)
-    rows = (inside[:, None] * inside) * _along_diagonals(data @ data.mT, lags, stack, 1)
+    inside = (place <= size - lags).to(exact)
+    rows = (inside[:, None] * inside) * _along_diagonals(times(exact, exact.mT), lags, stack, 1)
     power, modes = torch.linalg.eigh(rows)
-    gain = _gains(power, size - lags + 1, lags * count)
+    gain, ratio = _gains(power, size - lags + 1, lags * count)
     kept = (modes * gain[:, None, :]) @ modes.mT
     kept = (inside[:, None] * inside) * kept
     rows_over = torch.minimum(place + 1, size - place).clamp(max=_smaller(lags, size - lags + 1))
-    return _along_diagonals(kept, lags, stack, -1) / rows_over[:, None]
+    matrix = _along_diagonals(kept, lags, stack, -1) / rows_over[:, None]
+    return matrix.to(data.dtype), ratio.to(data.dtype)
 
 
 def _along_diagonals(matrix: Tensor, lags: int, stack: int, side: int) -> Tensor:
     """Sums of ``matrix[a + side k, b + side k]`` over the lags, of what lies inside."""
-    size = matrix.shape[1]
-    place = torch.arange(size, device=matrix.device)
+    size, reach = matrix.shape[1], stack - 1
+    around = (0, reach, 0, reach) if side > 0 else (reach, 0, reach, 0)
+    padded = torch.nn.functional.pad(matrix, around)
+    counts = (torch.arange(stack, device=matrix.device) < lags).to(matrix)
     total = matrix
     for lag in range(1, stack):
-        wanted = place + side * lag
-        inside = ((wanted >= 0) & (wanted < size) & (lag < lags)).to(matrix)
-        index = wanted.clamp(0, size - 1)
-        shifted = matrix.index_select(1, index).index_select(2, index)
-        total = total + (inside[:, None] * inside) * shifted
+        start = lag if side > 0 else reach - lag
+        shifted = padded.narrow(1, start, size).narrow(2, start, size)
+        total = torch.addcmul(total, counts[lag], shifted)
     return total
 
 
-def _gains(power: Tensor, rows: int, columns: Tensor) -> Tensor:
-    r"""Factors of singular values, from their squares ``(N, S)`` in units of the noise.
+def _gains(power: Tensor, rows: int, columns: Tensor) -> tuple[Tensor, Tensor]:
+    r"""Factors of singular values, and how much more freedom they have than constant ones.
+
+    From the squares ``(N, S)`` of singular values y in units of the noise:
 
     .. math::
         g = \frac{\sqrt{(u - \beta - 1)^2 - 4 \beta}}{u}, \quad u > (1 + \sqrt\beta)^2, \quad
-        u = \frac{\text{power}}{\max(R, C)}, \quad \beta = \frac{\min(R, C)}{\max(R, C)}
+        u = \frac{y^2}{\max(R, C)}, \quad \beta = \frac{\min(R, C)}{\max(R, C)}
 
-    Gavish and Donoho 2017, eq. 7, divided by the singular value.
+    Gavish and Donoho 2017, eq. 7, divided by the singular value. Of a matrix without structure the
+    result's divergence is (Candes, Sing-Long and Trzasko 2013, eq. 9)
+
+    .. math::
+        \sum_i \Big(\frac{\partial g y}{\partial y_i} + |R - C| g_i\Big)
+        + 2 \sum_{i \ne j} \frac{g_i y_i^2}{y_i^2 - y_j^2},
+
+    where constant factors of its rows would have :math:`C \sum_i g_i`.
     """
     columns = columns[:, None].to(power)
     longer, shorter = columns.clamp(min=rows), columns.clamp(max=rows)
-    u, ratio = power / longer, shorter / longer
+    u, ratio = power.clamp(min=0.0) / longer, shorter / longer  # rounding makes some negative
     above = u > (1.0 + ratio.sqrt()).square()
-    beyond = ((u - ratio - 1.0).square() - 4.0 * ratio).clamp(min=0.0)
-    return torch.where(above, beyond.sqrt() / torch.where(above, u, 1.0), 0.0)
+    safe = torch.where(above, u, 1.0)
+    root = ((u - ratio - 1.0).square() - 4.0 * ratio).clamp(min=0.0).sqrt()
+    gain = torch.where(above, root / safe, 0.0)
+    rise = torch.where(above, 2.0 * (u - ratio - 1.0) / root.clamp(min=STEEPEST) - gain, 0.0)
+    among = _differences(gain * u, u, shorter)
+    free = (rise + (longer - shorter) * gain).sum(1) + among
+    constant = (columns * gain).sum(1)
+    return gain, torch.where(constant > 0, free / torch.where(constant > 0, constant, 1.0), 1.0)
+
+
+def _differences(value: Tensor, u: Tensor, shorter: Tensor) -> Tensor:
+    """Sums of divided differences over all pairs of the largest ``shorter (N, 1)`` of u, rising."""
+    place = torch.arange(u.shape[1], device=u.device)
+    real = place >= u.shape[1] - shorter
+    apart = u[:, :, None] - u[:, None, :]
+    far = apart.abs() > 1e-9 * (1.0 + u[:, :, None])
+    pair = real[:, :, None] & real[:, None, :] & far
+    rise = (value[:, :, None] - value[:, None, :]) / torch.where(far, apart, 1.0)
+    return torch.where(pair, rise, 0.0).sum((1, 2))

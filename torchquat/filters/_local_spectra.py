@@ -1,17 +1,29 @@
 """Shrinkage of local spectra: cosine transforms in overlapping windows, each with its own prior."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-__all__ = ["Windows", "correlated_power", "power_laws", "shrunk", "times", "windows_of"]
+from torchquat._eager import visible
+
+__all__ = [
+    "Windows",
+    "correlated_power",
+    "power_laws",
+    "shrunk",
+    "shrunk_with_freedom",
+    "times",
+    "windows_of",
+]
 
 HOPS = 4  # windows over every frame
 SLOPES = (2.0, 3.0, 4.0, 5.0, 6.0)  # exponents of the power laws
-LEVELS = (-4.0, 20.0, 25)  # logarithms of their power, in units of the noise: from, to, how many
+LEVELS = (-4.0, 20.0, 13)  # logarithms of their power, in units of the noise: from, to, how many
 EVEN = 8  # columns at a time
+AT_A_TIME = 300_000  # likelihoods, which are the most numbers there are: as the cache holds
 CONSTANT = 1e6  # prior power of a window's mean, which noise must not shrink
 
 
@@ -118,18 +130,77 @@ def shrunk(
     Returns:
         What to add to the path, ``(N, T, C)``.
     """
-    batch, frames, channels = x.shape
+
+    def change(some: Windows) -> list[Tensor]:
+        known, coefficients = _coefficients(x, path, some)
+        gain = _gains(coefficients.detach(), some.family, together, noise_power)
+        return [times(some.basis.mT, gain * coefficients) - known]
+
+    return _blended(_in_groups(change, windows, x)[0], windows, x)
+
+
+def shrunk_with_freedom(
+    x: Tensor, path: Tensor, windows: Windows, noise_power: Tensor
+) -> tuple[Tensor, Tensor]:
+    r"""As :func:`shrunk` of every channel alone, and how far it follows the noise of its own frame.
+
+    The gains :math:`h_{mk} = s_{mk} / (s_{mk} + n_k)` are weighed by what the data say, too:
+
+    .. math::
+        n_k \frac{\partial \hat y_k}{\partial y_k} = n_k \sum_m p_m h_{mk} + y_k^2
+        \Big(\sum_m p_m h_{mk}^2 - \Big(\sum_m p_m h_{mk}\Big)^2\Big)
+
+    Every frame gets its part by the squares of the cosines; products of two are left out.
+
+    Returns:
+        What to add to the path ``(N, T, C)``; freedom ``(N, T, C / 3)``, of three channels a sum.
+    """
+
+    def change(some: Windows) -> list[Tensor]:
+        known, coefficients = _coefficients(x, path, some)
+        power = coefficients.detach().square()
+        gain, square = _moments(power, some.family, noise_power)
+        noise = noise_power.mT.repeat_interleave(x.shape[-1] // noise_power.shape[1], -1)
+        noise = noise.repeat_interleave(some.frame.shape[0], 0)
+        follow = noise * gain + power * (square - gain.square()).clamp(min=0.0)
+        follow = follow.unflatten(-1, (-1, 3)).sum(-1)
+        freedom = times(some.basis.square().mT, follow)
+        return [times(some.basis.mT, gain * coefficients) - known, freedom]
+
+    move, freedom = (_blended(part, windows, x) for part in _in_groups(change, windows, x))
+    return move, freedom
+
+
+def _in_groups(
+    change: Callable[[Windows], list[Tensor]], windows: Windows, x: Tensor
+) -> list[Tensor]:
+    """Some windows at a time, where nothing but speed and memory depends on how many."""
+    count = windows.frame.shape[0]
+    pairs = max(AT_A_TIME // (2 * x.shape[-1] * len(windows.family)), 1)
+    groups = -(-count // (2 * pairs)) if visible(x) else 1
+    if groups == 1:
+        return change(windows)
+    split = [windows._replace(frame=frame) for frame in windows.frame.split(2 * pairs)]
+    made = [[part.unflatten(0, (len(x), -1)) for part in change(some)] for some in split]
+    return [torch.cat(parts, 1).flatten(0, 1) for parts in zip(*made, strict=True)]
+
+
+def _coefficients(x: Tensor, path: Tensor, windows: Windows) -> tuple[Tensor, Tensor]:
+    """The path in every window about its mean, ``(N, W, C)``, and the coefficients of the data."""
     places = windows.frame.flatten()
-    size = windows.basis.shape[0]
-    known = path.index_select(1, places).reshape(-1, size, channels)
+    shape = (-1, windows.basis.shape[0], x.shape[-1])
+    known = path.index_select(1, places).reshape(shape)
     known = known - known.mean(1, keepdim=True)
-    seen = x.index_select(1, places).reshape(-1, size, channels)
-    coefficients = times(windows.basis, known + seen)
-    gain = _gains(coefficients.detach(), windows.family, together, noise_power)
-    change = times(windows.basis.mT, gain * coefficients) - known
-    ahead = (windows.taper * change).reshape(batch, -1, channels)
+    return known, times(windows.basis, known + x.index_select(1, places).reshape(shape))
+
+
+def _blended(part: Tensor, windows: Windows, x: Tensor) -> Tensor:
+    """Tapered means ``(N, T, C)`` of what all windows ``(N windows, W, C)`` say about a frame."""
+    batch, frames = x.shape[:2]
+    places = windows.frame.flatten()
+    ahead = (windows.taper * part).reshape(batch, -1, part.shape[-1])
     weight = windows.taper.expand(windows.frame.shape[0], -1, -1).reshape(-1, 1)
-    total = torch.zeros_like(x).index_add(1, places, ahead)
+    total = ahead.new_zeros(batch, frames, part.shape[-1]).index_add(1, places, ahead)
     return total / weight.new_zeros(frames, 1).index_add(0, places, weight)
 
 
@@ -140,28 +211,50 @@ def _gains(
     power = coefficients.square().unflatten(-1, (-1, together)).sum(-1)
     if noise_power is None:
         gain = _mean_gains(power, family + 1.0, family, together)
-    elif torch.compiler.is_compiling():  # half of the windows may be one, which needs its own graph
-        noisy = (family + noise_power.flatten(0, 1)[:, None]).unflatten(0, noise_power.shape[:2])
-        gain = _gains_of_parts(power, noisy, family, together)
     else:
-        parts, columns = _by_noise(power, noise_power)
-        noisy = family + noise_power.flatten(0, 1).repeat_interleave(2, 0)[:, None]
-        gain = _from_parts(_mean_gains(parts, noisy, family, together), columns)
+        gain = _with_colour(power, family, together, noise_power, squares=False)
     return gain.repeat_interleave(together, -1)
 
 
-def _mean_gains(power: Tensor, noisy: Tensor, family: Tensor, together: int) -> Tensor:
+def _moments(power: Tensor, family: Tensor, noise_power: Tensor) -> tuple[Tensor, Tensor]:
+    """Means of the gains of each channel, and of their squares."""
+    both = _with_colour(power, family, 1, noise_power, squares=True)
+    gain, square = both.chunk(2, 1)
+    return gain, square
+
+
+def _with_colour(
+    power: Tensor, family: Tensor, together: int, noise_power: Tensor, *, squares: bool
+) -> Tensor:
+    """Gains under noise of several colours; ``squares`` below them, ``(N, W or 2 W, C)``."""
+    if torch.compiler.is_compiling():  # half of the windows may be one, which needs its own graph
+        noisy = (family + noise_power.flatten(0, 1)[:, None]).unflatten(0, noise_power.shape[:2])
+        return _gains_of_parts(power, noisy, family, together, squares=squares)
+    parts, shape = _by_noise(power, noise_power)
+    noisy = family + noise_power.flatten(0, 1).repeat_interleave(2, 0)[:, None]
+    return _from_parts(_mean_gains(parts, noisy, family, together, squares=squares), shape)
+
+
+def _mean_gains(
+    power: Tensor, noisy: Tensor, family: Tensor, together: int, *, squares: bool = False
+) -> Tensor:
     """For powers ``(B, W, C)`` and noisy priors ``(M, W)`` or ``(B, M, W)``."""
     misfit = times(1.0 / noisy, power) + together * torch.log(noisy).sum(-1)[..., None]
-    return times((family / noisy).mT, torch.softmax(-0.5 * misfit, -2))
+    gain = family / noisy
+    if squares:
+        gain = torch.cat([gain, gain.square()], -1)
+    return times(gain.mT, torch.softmax(-0.5 * misfit, -2))
 
 
-def _gains_of_parts(power: Tensor, noisy: Tensor, family: Tensor, together: int) -> Tensor:
+def _gains_of_parts(
+    power: Tensor, noisy: Tensor, family: Tensor, together: int, *, squares: bool
+) -> Tensor:
     """The same for all powers ``(N windows, W, C)`` and ``(N, G, M, W)``; takes more memory."""
     windows = power.shape[0] // noisy.shape[0]
     parts = zip(power.chunk(noisy.shape[1], -1), noisy.unbind(1), strict=True)
     gains = [
-        _mean_gains(x, each.repeat_interleave(windows, 0), family, together) for x, each in parts
+        _mean_gains(x, each.repeat_interleave(windows, 0), family, together, squares=squares)
+        for x, each in parts
     ]
     return torch.cat(gains, -1)
 
@@ -179,9 +272,9 @@ def _by_noise(power: Tensor, noise_power: Tensor) -> tuple[Tensor, tuple[int, ..
 
 
 def _from_parts(gain: Tensor, shape: tuple[int, ...]) -> Tensor:
-    """Back to ``(N, W, C)``."""
-    moved = gain.reshape(shape).permute(0, 2, 4, 3, 1, 5)
-    return moved.reshape(-1, shape[3], shape[1] * shape[5])
+    """Back to ``(N, W, C)``, or ``(N, 2 W, C)``."""
+    moved = gain.reshape(*shape[:3], -1, *shape[4:]).permute(0, 2, 4, 3, 1, 5)
+    return moved.reshape(-1, moved.shape[3], shape[1] * shape[5])
 
 
 def times(matrix: Tensor, x: Tensor) -> Tensor:

@@ -7,13 +7,12 @@ from torch import Tensor, nn
 
 from torchquat import so3, timeline
 from torchquat.filters._correlation import noise_of
+from torchquat.filters._mixture import mixture
 from torchquat.filters._moving_frame import rough_motion
 from torchquat.filters.repair import mended
-from torchquat.filters.spectral import ROUGH_RADIUS, denoised, noise_level
+from torchquat.filters.spectral import ROUGH_RADIUS, noise_level
 
 __all__ = ["AutoDenoiser", "denoise"]
-
-WINDOW = 64  # [frames]
 
 
 def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -> Tensor:
@@ -21,7 +20,10 @@ def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -
 
     Displaced stretches are moved back and wild samples replaced, as by :func:`torchquat.repair`.
     The noise of every joint is estimated from the motion itself, and so is how long it lasts, which
-    all joints have in common; it is removed as by :func:`torchquat.local_spectrum_filter`.
+    all joints have in common. It is removed by local spectra in short and in long windows, as by
+    :func:`torchquat.local_spectrum_filter`, and by the low-rank trajectories of all joints, as by
+    :func:`torchquat.low_rank_filter`; each joint mixes the three so that Stein's unbiased estimate
+    of the risk is least.
 
     Args:
         q: Unit quaternions ``(..., T, J, 4)``; signs may flip freely.
@@ -35,6 +37,10 @@ def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -
     Raises:
         TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
         ValueError: If a shape or range is invalid.
+
+    Reference:
+        Stein, "Estimation of the Mean of a Multivariate Normal Distribution", Annals of Statistics
+        1981, for the risk.
     """
     _check_strength(strength)
     prepared, confidence = timeline.prepare(q, weight)
@@ -46,7 +52,7 @@ def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -
         # what was replaced tells nothing of the noise, but is the best guess at the motion
         motion = rough_motion(repaired.detach(), ROUGH_RADIUS)
         level, rho = noise_of(repaired, motion, trust)
-        result = denoised(repaired, confidence, level, WINDOW, rho, motion)
+        result = mixture(repaired, confidence, level, rho, motion)
         if strength != 1:
             result = so3.slerp(prepared, result, strength)
     return timeline.restore(result, prepared, q)

@@ -8,8 +8,9 @@ from torch import Tensor, nn
 from torchquat import so3, timeline
 from torchquat._checks import check_count, check_positive
 from torchquat.filters._bandwidth import Bandwidth
-from torchquat.filters._hankel import shrunk_trajectories
+from torchquat.filters._hankel import smoothed, smoother_of
 from torchquat.filters._moving_frame import path_of, rough_motion
+from torchquat.filters._whitened import away_from, rows, units_of
 from torchquat.filters.spectral import noise_level
 
 __all__ = ["LowRankFilter", "low_rank_filter"]
@@ -100,17 +101,10 @@ def _check(window: int, sigma: Bandwidth | None) -> None:
 
 
 def _denoised(q: Tensor, weight: Tensor | None, sigma: Tensor, window: int) -> Tensor:
-    noisy, trust = sigma > 0, None
-    if weight is not None:
-        largest = weight.amax(-2)
-        noisy = noisy & (largest > 0)
-        trust = (weight / torch.where(largest > 0, largest, 1.0)[..., None, :])[..., None].detach()
-    scale = torch.where(noisy, sigma, 1.0)[..., None, :, None]
-    part = noisy[..., None, :, None]
+    units = units_of(sigma, weight)
     motion = rough_motion(q, ROUGH_RADIUS).detach()
-    away = so3.between(motion, q) if trust is None else trust * so3.between(motion, q)
-    channels = 3 * noisy.sum(-1).clamp(min=1).reshape(-1)
-    rows = (torch.where(part, x / scale, 0.0) for x in (away, path_of(motion)))
-    away, path = (x.reshape(-1, x.shape[-3], x.shape[-2] * 3) for x in rows)
-    move = shrunk_trajectories(away, path, window, channels).reshape(*q.shape[:-1], 3)
-    return torch.where(part, so3.turn(motion, scale * move), q)
+    away, path = away_from(motion, q, units), path_of(motion) / units.scale
+    away, path = (rows(torch.where(units.noisy, v, 0.0)) for v in (away, path))
+    channels = 3 * units.noisy.sum((-3, -2, -1)).clamp(min=1).reshape(-1)
+    move = smoothed(away, path, smoother_of(away, path, window, channels)).reshape(*q.shape[:-1], 3)
+    return torch.where(units.noisy, so3.turn(motion, units.scale * move), q)

@@ -11,8 +11,9 @@ from torchquat.filters._bandwidth import Bandwidth, per_joint
 from torchquat.filters._correlation import noise_of, rounded
 from torchquat.filters._local_spectra import Windows, correlated_power, shrunk, windows_of
 from torchquat.filters._moving_frame import path_of, rough_motion
+from torchquat.filters._whitened import along, away_from, main_axes, rows, units_of
 
-__all__ = ["LocalSpectrumFilter", "denoised", "local_spectrum_filter", "noise_level"]
+__all__ = ["LocalSpectrumFilter", "local_spectrum_filter", "noise_level"]
 
 ROUGH_RADIUS = 4  # [frames]
 
@@ -63,7 +64,7 @@ def local_spectrum_filter(
             level, rho = noise_of(prepared, motion, confidence)
         else:
             level, rho = noise_level(prepared, confidence, sigma), None
-        result = denoised(prepared, confidence, level, window, rho, motion)
+        result = _denoised(prepared, confidence, level, window, rho, motion)
     return timeline.restore(result, prepared, q)
 
 
@@ -101,7 +102,7 @@ def noise_level(q: Tensor, weight: Tensor | None, sigma: Bandwidth | None) -> Te
     return rounded(noise.estimate_sigma(q.detach(), weight))
 
 
-def denoised(
+def _denoised(
     q: Tensor,
     weight: Tensor | None,
     sigma: Tensor,
@@ -114,49 +115,24 @@ def denoised(
     ``rho`` ``(..., G)`` is the correlation of neighbouring frames of the noise, of each of G equal
     parts of the joints; ``None`` for white noise.
     """
-    noisy = (sigma > 0)[..., None, :, None]
-    scale = torch.where(sigma > 0, sigma, 1.0)[..., None, :, None]
-    trust = None
-    if weight is not None:
-        largest = weight.amax(-2, keepdim=True)
-        noisy = noisy & (largest > 0)[..., None]
-        trust = (weight / torch.where(largest > 0, largest, 1.0))[..., None].detach()
+    units = units_of(sigma, weight)
     windows = windows_of(q.shape[-3], window, q)
     power = None
     if rho is not None:
         power = correlated_power(windows.basis, rho.reshape(-1, rho.shape[-1]))
     with torch.no_grad():
         motion = rough_motion(q, ROUGH_RADIUS) if motion is None else motion
-        path, away = path_of(motion) / scale, _away(q, motion, trust) / scale
-        move = _over_windows(away, path, windows, 3, power)
-        axes = _main_axes(path + move)
-        motion = so3.turn(motion, scale * move)
-        path = path_of(motion) / scale
-    away = _away(q, motion, trust) / scale
-    move = _over_windows(_along(away, axes), _along(path, axes), windows, 1, power)
-    return torch.where(noisy, so3.turn(motion, scale * _along(move, axes.mT)), q)
-
-
-def _away(q: Tensor, motion: Tensor, trust: Tensor | None) -> Tensor:
-    """Rotation vectors from a motion to the data; what is not believed lies on the motion."""
-    away = so3.between(motion, q)
-    return away if trust is None else trust * away
+        path = path_of(motion) / units.scale
+        move = _over_windows(away_from(motion, q, units), path, windows, 3, power)
+        axes = main_axes(path + move)
+        motion = so3.turn(motion, units.scale * move)
+        path = path_of(motion) / units.scale
+    away = away_from(motion, q, units)
+    move = _over_windows(along(away, axes), along(path, axes), windows, 1, power)
+    return torch.where(units.noisy, so3.turn(motion, units.scale * along(move, axes.mT)), q)
 
 
 def _over_windows(
     away: Tensor, path: Tensor, windows: Windows, together: int, power: Tensor | None
 ) -> Tensor:
-    seen, known = (x.reshape(-1, x.shape[-3], x.shape[-2] * 3) for x in (away, path))
-    return shrunk(seen, known, windows, together, power).reshape(away.shape)
-
-
-def _along(v: Tensor, axes: Tensor) -> Tensor:
-    """Components of vectors ``(..., T, J, 3)`` along the columns of ``(..., J, 3, 3)``."""
-    return (v[..., None] * axes[..., None, :, :, :]).sum(-2)
-
-
-def _main_axes(path: Tensor) -> Tensor:
-    """Principal axes ``(..., J, 3, 3)`` of the steps of a path, one a column."""
-    frame = torch.arange(path.shape[-3], device=path.device)
-    step = path - path.index_select(-3, (frame - 1).clamp(min=0))
-    return torch.linalg.eigh((step[..., None] * step[..., None, :]).sum(-4))[1]
+    return shrunk(rows(away), rows(path), windows, together, power).reshape(away.shape)
