@@ -54,19 +54,20 @@ def test_freedom_of_low_rank_is_the_slope_of_the_estimate(rng):
     x = x + torch.randn(x.shape, generator=rng, dtype=torch.float64)
     still, count = torch.zeros_like(x), torch.tensor([30])
 
-    def smoother(x):
-        return _hankel.smoother_of(x, still, 1, count, 64)
+    def estimate(x):
+        return _hankel.smoothed(x, still, 1, count, 64)
 
     total, step = 0.0, 1e-5
     bump = torch.zeros_like(x)
     for place in range(x.numel()):
         bump.flatten()[place] = step
-        ends = [_hankel.smoothed(x + s * bump, still, smoother(x + s * bump)) for s in (1, -1)]
+        ends = [estimate(x + s * bump)[0] for s in (1, -1)]
         total += float((ends[0] - ends[1]).flatten()[place]) / (2.0 * step)
         bump.flatten()[place] = 0.0
-    chosen = smoother(x)
-    freedom = 30.0 * _hankel.freedom(chosen, x.shape).sum()
-    constant = 30.0 * _hankel.freedom(chosen._replace(ratio=torch.ones(2)), x.shape).sum()
+    chosen = estimate(x)[1]
+    white = torch.eye(1, 40, dtype=torch.float64)
+    freedom = 30.0 * _hankel.freedom(chosen, x.shape, white).sum()
+    constant = 30.0 * _hankel.freedom(chosen._replace(ratio=torch.ones(2)), x.shape, white).sum()
     assert float(freedom) == pytest.approx(total, rel=0.02)
     assert float(constant) < 0.8 * total
 

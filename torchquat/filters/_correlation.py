@@ -12,6 +12,7 @@ from torchquat.filters._local_spectra import (
     windows_of,
 )
 from torchquat.filters._moving_frame import path_of
+from torchquat.filters._overlap import centred, cut
 from torchquat.noise.estimate import sigma_if_correlated
 
 __all__ = ["noise_of", "rounded"]
@@ -99,14 +100,12 @@ def _spectra(
 
     Frames that are missing lie on the rough motion, without noise: the rest is scaled up for them.
     """
-    places, shape = windows.frame.flatten(), windows.frame.shape
     present = torch.ones_like(q[..., 0]) if weight is None else (weight > 0).to(q.dtype)
     x = path_of(motion) + present[..., None] * so3.between(motion, q)
     x = (x / sigma.reshape(*q.shape[:-3], 1, -1, 1)).reshape(-1, q.shape[-3], 3 * q.shape[-2])
-    cut = x.index_select(1, places).reshape(-1, shape[1], x.shape[-1])
-    power = times(windows.basis, cut - cut.mean(1, keepdim=True)).square()
-    share = present.reshape(-1, *present.shape[-2:]).index_select(1, places)
-    share = share.unflatten(1, shape).mean(2)  # (N, windows, J)
+    power = times(windows.basis, centred(cut(x, windows.frame))).square()
+    share = present.reshape(-1, *present.shape[-2:]).index_select(1, windows.frame.flatten())
+    share = share.unflatten(1, windows.frame.shape).mean(2)  # (N, windows, J)
     scale = share.clamp(min=LEAST_PRESENT).flatten(0, 1).repeat_interleave(3, -1)
     return power / scale[:, None], share > LEAST_PRESENT
 

@@ -8,8 +8,9 @@ from torch import Tensor
 
 from torchquat._eager import visible
 from torchquat.filters._local_spectra import times
+from torchquat.filters._overlap import blended, centred, cut, frames_of, smaller
 
-__all__ = ["SPAN", "Smoother", "freedom", "smoothed", "smoother_of"]
+__all__ = ["SPAN", "Smoother", "freedom", "smoothed"]
 
 SPAN = 128  # longest stretch of time in one matrix [frames]
 AT_A_TIME = 8  # stretches, to bound memory
@@ -31,95 +32,62 @@ class Smoother(NamedTuple):
     frame: Tensor
 
 
-def smoother_of(
+def smoothed(
     x: Tensor, path: Tensor, stack: int, channels: Tensor, span: int | None = None
-) -> Smoother:
-    """Learn from trajectories seen in white noise of unit power what few modes can express.
+) -> tuple[Tensor, Smoother]:
+    """Bring trajectories seen in white noise of unit power near to what few modes can express.
 
     Args:
-        x: How far the data lie from the path ``(N, T, C)``.
+        x: How far the data lie from the path ``(N, T, C)``; derivatives follow it alone.
         path: Path ``(N, T, C)``, counted with the data.
         stack: Consecutive frames in a row of the Hankel matrix.
         channels: How many of the C channels are more than zeros, ``(N,)``.
         span: Longest stretch of time [frames]; ``None``: ``SPAN``.
 
     Returns:
-        The smoother, without a gradient.
+        What to add to the path ``(N, T, C)``, and the smoother that does, without a gradient.
     """
-    span = SPAN if span is None else span
-    start = _starts(x.shape[1], span, x.device)
-    frame = start[:, None] + torch.arange(_smaller(x.shape[1], span), device=x.device)
-    count = channels[:, None].expand(-1, start.shape[0]).flatten()
+    frame = _frames(x.shape[1], SPAN if span is None else span, x.device)
+    count = channels[:, None].expand(-1, frame.shape[0]).flatten()
+    known, seen = centred(cut(path, frame)), cut(x, frame)
+    away = centred(seen)
     with torch.no_grad():
-        known, seen = (_cut(y, frame) for y in (path, x))
-        matrix, ratio = _in_parts(_centred(known) + _centred(seen), count, stack)
-    return Smoother(matrix, ratio, frame)
-
-
-def smoothed(x: Tensor, path: Tensor, smoother: Smoother) -> Tensor:
-    """What the smoother adds to the path ``(N, T, C)``, given how far the data lie from it."""
-    known, seen = (_cut(y, smoother.frame) for y in (path, x))
-    known, away = _centred(known), _centred(seen)
+        smoother = Smoother(*_in_parts(known + away, count, stack), frame)
     change = times(smoother.matrix, known + away) + (seen - away) - known
-    return _blended(change, smoother, x.shape)
+    return _blended(change, smoother, x.shape), smoother
 
 
-def freedom(smoother: Smoother, shape: torch.Size, colour: Tensor | None = None) -> Tensor:
+def freedom(smoother: Smoother, shape: torch.Size, colour: Tensor) -> Tensor:
     r"""How far the result of every frame follows its own noise, ``(N, T, 1)``, a channel.
 
     .. math:: f_a = \sum_b \frac{\partial \hat x_a}{\partial x_b} C_{ab}
 
     Args:
-        smoother: From :func:`smoother_of`.
+        smoother: From :func:`smoothed`.
         shape: Of the trajectories ``(N, T, C)``.
-        colour: Correlations of the noise at lags from 0 on ``(N, S)``; ``None`` for white noise.
+        colour: Correlations of the noise at lags from 0 on, ``(N, S)``.
     """
     size = smoother.frame.shape[1]
-    centred = smoother.matrix - smoother.matrix.mean(2, keepdim=True)
-    slope = smoother.ratio[:, None, None] * centred + 1.0 / size
-    if colour is None:
-        follow = slope.diagonal(dim1=1, dim2=2)
-    else:
-        place = torch.arange(size, device=slope.device)
-        apart = colour[:, (place[:, None] - place).abs()]
-        follow = (slope * apart.repeat_interleave(len(smoother.frame), 0)).sum(2)
-    return _blended(follow[..., None], smoother, torch.Size((*shape[:2], 1)))
-
-
-def _cut(y: Tensor, frame: Tensor) -> Tensor:
-    """Stretches ``(N stretches, S, C)``."""
-    return y.index_select(1, frame.flatten()).reshape(-1, frame.shape[1], y.shape[2])
-
-
-def _centred(y: Tensor) -> Tensor:
-    return y - y.mean(1, keepdim=True)
+    slope = smoother.matrix - smoother.matrix.mean(2, keepdim=True)
+    slope = smoother.ratio[:, None, None] * slope + 1.0 / size
+    place = torch.arange(size, device=slope.device)
+    apart = colour[:, (place[:, None] - place).abs()]
+    follow = (slope * apart.repeat_interleave(len(smoother.frame), 0)).sum(2, keepdim=True)
+    return _blended(follow, smoother, shape)
 
 
 def _blended(part: Tensor, smoother: Smoother, shape: torch.Size) -> Tensor:
-    """Tapered means ``(N, T, C)`` of what all stretches say about a frame."""
-    size, places = smoother.frame.shape[1], smoother.frame.flatten()
+    size = smoother.frame.shape[1]
     middle = (torch.arange(size, device=part.device, dtype=torch.float64) + 0.5) / size
     taper = torch.sin(math.pi * middle).square().to(part.dtype)[:, None]
-    ahead = (taper * part).reshape(shape[0], -1, shape[2])
-    weight = taper.expand(smoother.frame.shape[0], -1, -1).reshape(-1, 1)
-    total = ahead.new_zeros(shape).index_add(1, places, ahead)
-    return total / weight.new_zeros(shape[1], 1).index_add(0, places, weight)
+    return blended(part, taper, smoother.frame, shape)
 
 
-def _smaller(a: int, b: int) -> int:
-    """The smaller length, of an open one too."""
-    return torch.sym_min(a, b)  # pyright: ignore[reportReturnType]
-
-
-def _starts(frames: int, span: int, device: torch.device) -> Tensor:
-    """First frames ``(N,)`` of stretches that overlap by half or more, symmetric in time."""
-    hop = span // 2
-    beyond = frames - _smaller(frames, span)
-    count = 2 * ((beyond + 3 * hop - 1) // (2 * hop))  # one alone would have another kernel
-    index = torch.arange(count, device=device)
-    ahead = index * beyond // (count - 1)
-    back = beyond - (count - 1 - index) * beyond // (count - 1)
-    return torch.where(2 * index < count, ahead, back)
+def _frames(frames: int, span: int, device: torch.device) -> Tensor:
+    """Stretches ``(N, S)`` that overlap by half or more."""
+    hop, size = span // 2, smaller(frames, span)
+    count = 2 * ((frames - size + 3 * hop - 1) // (2 * hop))  # one alone would have another kernel
+    return frames_of(count, frames, size, device)
 
 
 def _in_parts(data: Tensor, count: Tensor, stack: int) -> tuple[Tensor, Tensor]:
@@ -142,7 +110,7 @@ def _smoother(data: Tensor, count: Tensor, stack: int) -> tuple[Tensor, Tensor]:
     the mean of rows a - k of :math:`P X_k`: a sum over the diagonals of P.
     """
     size, exact = data.shape[1], data.double()
-    lags = _smaller((size + 1) // 2, stack)  # short stretches: about as many rows as lags
+    lags = smaller((size + 1) // 2, stack)  # short stretches: about as many rows as lags
     place = torch.arange(size, device=data.device)
     inside = (place <= size - lags).to(exact)
     rows = (inside[:, None] * inside) * _along_diagonals(times(exact, exact.mT), lags, stack, 1)
@@ -150,7 +118,7 @@ def _smoother(data: Tensor, count: Tensor, stack: int) -> tuple[Tensor, Tensor]:
     gain, ratio = _gains(power, size - lags + 1, lags * count)
     kept = (modes * gain[:, None, :]) @ modes.mT
     kept = (inside[:, None] * inside) * kept
-    rows_over = torch.minimum(place + 1, size - place).clamp(max=_smaller(lags, size - lags + 1))
+    rows_over = torch.minimum(place + 1, size - place).clamp(max=smaller(lags, size - lags + 1))
     matrix = _along_diagonals(kept, lags, stack, -1) / rows_over[:, None]
     return matrix.to(data.dtype), ratio.to(data.dtype)
 

@@ -8,10 +8,12 @@ import torch
 from torch import Tensor
 
 from torchquat._eager import visible
+from torchquat.filters._overlap import blended, centred, cut, frames_of, larger, smaller
 
 __all__ = [
     "Windows",
     "correlated_power",
+    "correlations",
     "power_laws",
     "shrunk",
     "shrunk_with_freedom",
@@ -49,19 +51,14 @@ def windows_of(
         hops: How many windows see a frame.
         most: How many windows there are at most, even; some frames may be seen by none.
     """
-    size = torch.sym_min(frames, window)
+    size = smaller(frames, window)
     hop = max(window // hops, 1)
     beyond = frames - size
-    pairs = (beyond + 2 * hop - 1) // (2 * hop) + torch.sym_min(beyond, 1)
+    pairs = (beyond + 2 * hop - 1) // (2 * hop) + smaller(beyond, 1)
     if most is not None:
-        pairs = torch.sym_min(pairs, most // 2)
-    count = torch.sym_max(2 * pairs, 2)  # one alone would be multiplied by another kernel
-    index = torch.arange(count, device=like.device)
-    ahead = index * beyond // (count - 1)
-    back = beyond - (count - 1 - index) * beyond // (count - 1)
-    start = torch.where(2 * index < count, ahead, back)
-    place = torch.arange(size, device=like.device)
-    frequency = place.to(torch.float64)
+        pairs = smaller(pairs, most // 2)
+    count = larger(2 * pairs, 2)  # one alone would be multiplied by another kernel
+    frequency = torch.arange(size, device=like.device).to(torch.float64)
     middle = (frequency + 0.5) / size
     basis = torch.cos(math.pi * frequency[:, None] * middle)
     basis = basis / basis.square().sum(-1, keepdim=True).sqrt()
@@ -69,7 +66,8 @@ def windows_of(
     frequency = frequency * (64.0 / size)
     family = power_laws(frequency, LEVELS, SLOPES)
     basis, taper, family = (x.to(like.dtype) for x in (basis, taper, family))
-    return Windows(start[:, None] + place, basis, taper, family, frequency)
+    frame = frames_of(count, frames, size, like.device)
+    return Windows(frame, basis, taper, family, frequency)
 
 
 def power_laws(
@@ -82,6 +80,12 @@ def power_laws(
     decay = torch.log(frequency.clamp(min=0.5))
     power = torch.exp(level[:, None, None] - steepness[:, None] * decay).flatten(0, 1)
     return torch.where(frequency == 0, CONSTANT, power)
+
+
+def correlations(rho: Tensor, size: int) -> Tensor:
+    """``rho^l`` at lags l from 0 to ``size - 1``, ``(..., size)``; 1 at lag 0."""
+    lag = torch.arange(size, device=rho.device)
+    return torch.where(lag == 0, 1.0, rho[..., None] ** lag.clamp(min=1))  # no 0^0
 
 
 def correlated_power(basis: Tensor, rho: Tensor) -> Tensor:
@@ -98,8 +102,7 @@ def correlated_power(basis: Tensor, rho: Tensor) -> Tensor:
     """
     place = torch.arange(basis.shape[0], device=basis.device)
     apart = (place[:, None] - place).abs()
-    decay = rho[..., None] ** place.clamp(min=1)  # no 0^0
-    decay = torch.where(place == 0, 0.0, decay)
+    decay = torch.where(place == 0, 0.0, correlations(rho, basis.shape[0]))
     return 1.0 + ((decay[..., apart] @ basis.mT) * basis.mT).sum(-2)
 
 
@@ -136,7 +139,7 @@ def shrunk(
         gain = _gains(coefficients.detach(), some.family, together, noise_power)
         return [times(some.basis.mT, gain * coefficients) - known]
 
-    return _blended(_in_groups(change, windows, x)[0], windows, x)
+    return blended(_in_groups(change, windows, x)[0], windows.taper, windows.frame, x.shape)
 
 
 def shrunk_with_freedom(
@@ -167,7 +170,8 @@ def shrunk_with_freedom(
         freedom = times(some.basis.square().mT, follow)
         return [times(some.basis.mT, gain * coefficients) - known, freedom]
 
-    move, freedom = (_blended(part, windows, x) for part in _in_groups(change, windows, x))
+    parts = _in_groups(change, windows, x)
+    move, freedom = (blended(part, windows.taper, windows.frame, x.shape) for part in parts)
     return move, freedom
 
 
@@ -187,21 +191,8 @@ def _in_groups(
 
 def _coefficients(x: Tensor, path: Tensor, windows: Windows) -> tuple[Tensor, Tensor]:
     """The path in every window about its mean, ``(N, W, C)``, and the coefficients of the data."""
-    places = windows.frame.flatten()
-    shape = (-1, windows.basis.shape[0], x.shape[-1])
-    known = path.index_select(1, places).reshape(shape)
-    known = known - known.mean(1, keepdim=True)
-    return known, times(windows.basis, known + x.index_select(1, places).reshape(shape))
-
-
-def _blended(part: Tensor, windows: Windows, x: Tensor) -> Tensor:
-    """Tapered means ``(N, T, C)`` of what all windows ``(N windows, W, C)`` say about a frame."""
-    batch, frames = x.shape[:2]
-    places = windows.frame.flatten()
-    ahead = (windows.taper * part).reshape(batch, -1, part.shape[-1])
-    weight = windows.taper.expand(windows.frame.shape[0], -1, -1).reshape(-1, 1)
-    total = ahead.new_zeros(batch, frames, part.shape[-1]).index_add(1, places, ahead)
-    return total / weight.new_zeros(frames, 1).index_add(0, places, weight)
+    known = centred(cut(path, windows.frame))
+    return known, times(windows.basis, known + cut(x, windows.frame))
 
 
 def _gains(

@@ -4,9 +4,10 @@ import torch
 from torch import Tensor
 
 from torchquat import so3
-from torchquat.filters._hankel import freedom, smoothed, smoother_of
+from torchquat.filters._hankel import freedom
 from torchquat.filters._local_spectra import (
     correlated_power,
+    correlations,
     shrunk,
     shrunk_with_freedom,
     windows_of,
@@ -14,6 +15,7 @@ from torchquat.filters._local_spectra import (
 from torchquat.filters._mixing import Estimate, mixed
 from torchquat.filters._moving_frame import path_of
 from torchquat.filters._whitened import along, away_from, main_axes, rows, units_of
+from torchquat.filters.low_rank import low_rank_move
 
 __all__ = ["mixture"]
 
@@ -70,12 +72,8 @@ def _local(away: Tensor, path: Tensor, window: int, rho: Tensor) -> Estimate:
 
 def _low_rank(away: Tensor, path: Tensor, noisy: Tensor, rho: Tensor, axes: Tensor) -> Estimate:
     """All noisy joints together, along the axes of each."""
-    away, path = (torch.where(noisy, v, 0.0) for v in (away, path))
-    channels = 3 * noisy.sum((-3, -2, -1)).clamp(min=1).reshape(-1)
-    smoother = smoother_of(rows(away), rows(path), STACK, channels, SPAN)
-    move = smoothed(rows(away), rows(path), smoother).reshape(away.shape)
-    lag = torch.arange(smoother.frame.shape[1], device=rho.device)
-    colour = torch.where(lag == 0, 1.0, rho ** lag.clamp(min=1))  # no 0^0
+    move, smoother = low_rank_move(away, path, noisy, STACK, SPAN)
+    colour = correlations(rho[:, 0], smoother.frame.shape[1])
     follow = 3.0 * freedom(smoother, rows(away).shape, colour)
     follow = follow.reshape(*away.shape[:-2], 1).expand(away.shape[:-1])
     return Estimate(along(move, axes), follow)

@@ -9,8 +9,9 @@ from torch import Tensor
 
 from torchquat import so3
 
-__all__ = ["path_of", "rough_motion"]
+__all__ = ["ROUGH_RADIUS", "path_of", "rough_motion"]
 
+ROUGH_RADIUS = 4  # of a first guess at a motion [frames]
 SQUARINGS = 4  # of a symmetric matrix, until its largest eigenvalue is all that is left
 
 

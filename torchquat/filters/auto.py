@@ -8,9 +8,9 @@ from torch import Tensor, nn
 from torchquat import so3, timeline
 from torchquat.filters._correlation import noise_of
 from torchquat.filters._mixture import mixture
-from torchquat.filters._moving_frame import rough_motion
+from torchquat.filters._moving_frame import ROUGH_RADIUS, rough_motion
 from torchquat.filters.repair import mended
-from torchquat.filters.spectral import ROUGH_RADIUS, noise_level
+from torchquat.filters.spectral import noise_level
 
 __all__ = ["AutoDenoiser", "denoise"]
 

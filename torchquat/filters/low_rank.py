@@ -6,16 +6,13 @@ import torch
 from torch import Tensor, nn
 
 from torchquat import so3, timeline
-from torchquat._checks import check_count, check_positive
 from torchquat.filters._bandwidth import Bandwidth
-from torchquat.filters._hankel import smoothed, smoother_of
-from torchquat.filters._moving_frame import path_of, rough_motion
+from torchquat.filters._hankel import Smoother, smoothed
+from torchquat.filters._moving_frame import ROUGH_RADIUS, path_of, rough_motion
 from torchquat.filters._whitened import away_from, rows, units_of
-from torchquat.filters.spectral import noise_level
+from torchquat.filters.spectral import check_window, noise_level
 
-__all__ = ["LowRankFilter", "low_rank_filter"]
-
-ROUGH_RADIUS = 4  # [frames]
+__all__ = ["LowRankFilter", "low_rank_filter", "low_rank_move"]
 
 
 def low_rank_filter(
@@ -63,7 +60,7 @@ def low_rank_filter(
         Theory 2017, for the Frobenius norm. The noise of a Hankel matrix repeats along its
         anti-diagonals; it is shrunk as if it did not.
     """
-    _check(window, sigma)
+    check_window(window, 1, sigma)
     prepared, confidence = timeline.prepare(q, weight)
     if q.numel() == 0:
         return prepared.to(q.dtype)
@@ -80,7 +77,7 @@ class LowRankFilter(nn.Module):
 
     def __init__(self, window: int = 8, *, sigma: float | Sequence[float] | None = None) -> None:
         super().__init__()
-        _check(window, sigma)
+        check_window(window, 1, sigma)
         self.window = window
         given = None if sigma is None else torch.as_tensor(sigma, dtype=torch.float64)
         self.register_buffer("sigma", given)
@@ -94,17 +91,19 @@ class LowRankFilter(nn.Module):
         return f"window={self.window}, sigma={None if self.sigma is None else self.sigma.tolist()}"
 
 
-def _check(window: int, sigma: Bandwidth | None) -> None:
-    check_count("window", window, 1)
-    if sigma is not None:
-        check_positive("sigma", sigma)
-
-
 def _denoised(q: Tensor, weight: Tensor | None, sigma: Tensor, window: int) -> Tensor:
     units = units_of(sigma, weight)
     motion = rough_motion(q, ROUGH_RADIUS).detach()
-    away, path = away_from(motion, q, units), path_of(motion) / units.scale
-    away, path = (rows(torch.where(units.noisy, v, 0.0)) for v in (away, path))
-    channels = 3 * units.noisy.sum((-3, -2, -1)).clamp(min=1).reshape(-1)
-    move = smoothed(away, path, smoother_of(away, path, window, channels)).reshape(*q.shape[:-1], 3)
+    path = path_of(motion) / units.scale
+    move, _ = low_rank_move(away_from(motion, q, units), path, units.noisy, window)
     return torch.where(units.noisy, so3.turn(motion, units.scale * move), q)
+
+
+def low_rank_move(
+    away: Tensor, path: Tensor, noisy: Tensor, window: int, span: int | None = None
+) -> tuple[Tensor, Smoother]:
+    """What to add to the paths ``(..., T, J, 3)`` of all noisy joints, and by what smoother."""
+    seen, known = (rows(torch.where(noisy, v, 0.0)) for v in (away, path))
+    channels = 3 * noisy.sum((-3, -2, -1)).clamp(min=1).reshape(-1)
+    move, smoother = smoothed(seen, known, window, channels, span)
+    return move.reshape(away.shape), smoother

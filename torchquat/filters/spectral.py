@@ -10,12 +10,10 @@ from torchquat._checks import check_count, check_positive
 from torchquat.filters._bandwidth import Bandwidth, per_joint
 from torchquat.filters._correlation import noise_of, rounded
 from torchquat.filters._local_spectra import Windows, correlated_power, shrunk, windows_of
-from torchquat.filters._moving_frame import path_of, rough_motion
+from torchquat.filters._moving_frame import ROUGH_RADIUS, path_of, rough_motion
 from torchquat.filters._whitened import along, away_from, main_axes, rows, units_of
 
-__all__ = ["LocalSpectrumFilter", "local_spectrum_filter", "noise_level"]
-
-ROUGH_RADIUS = 4  # [frames]
+__all__ = ["LocalSpectrumFilter", "check_window", "local_spectrum_filter", "noise_level"]
 
 
 def local_spectrum_filter(
@@ -52,9 +50,7 @@ def local_spectrum_filter(
         TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
         ValueError: If a shape or range is invalid.
     """
-    check_count("window", window, 2)
-    if sigma is not None:
-        check_positive("sigma", sigma)
+    check_window(window, 2, sigma)
     prepared, confidence = timeline.prepare(q, weight)
     if q.numel() == 0:
         return prepared.to(q.dtype)
@@ -75,9 +71,7 @@ class LocalSpectrumFilter(nn.Module):
 
     def __init__(self, window: int = 64, *, sigma: float | Sequence[float] | None = None) -> None:
         super().__init__()
-        check_count("window", window, 2)
-        if sigma is not None:
-            check_positive("sigma", sigma)
+        check_window(window, 2, sigma)
         self.window = window
         given = None if sigma is None else torch.as_tensor(sigma, dtype=torch.float64)
         self.register_buffer("sigma", given)
@@ -89,6 +83,13 @@ class LocalSpectrumFilter(nn.Module):
     def extra_repr(self) -> str:
         """Window and noise."""
         return f"window={self.window}, sigma={None if self.sigma is None else self.sigma.tolist()}"
+
+
+def check_window(window: int, least: int, sigma: Bandwidth | None) -> None:
+    """Arguments of a filter with a window, for noise that may be known."""
+    check_count("window", window, least)
+    if sigma is not None:
+        check_positive("sigma", sigma)
 
 
 def noise_level(q: Tensor, weight: Tensor | None, sigma: Bandwidth | None) -> Tensor:
