@@ -5,6 +5,7 @@ noise. The prediction of a frame from those within four frames to each side then
 them are present only: 256 patterns, solved once and looked up.
 """
 
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +13,22 @@ import torch
 from torch import Tensor
 
 from torchquat import _planes
+from torchquat._eager import lowest
+from torchquat._series import squared_arcsine
+from torchquat.filters._rows import all_places, places, shifted
 
-__all__ = ["LEVELS", "REACH", "Prediction", "aligned", "predict", "spread"]
+__all__ = [
+    "LEVELS",
+    "REACH",
+    "Around",
+    "Prediction",
+    "aligned",
+    "around",
+    "neighbours",
+    "predict",
+    "squared_angle_of",
+    "squared_errors",
+]
 
 REACH = 4
 """Frames to each side that a prediction reads."""
@@ -46,85 +61,136 @@ def _solved() -> tuple[np.ndarray, np.ndarray]:
 
 
 _WEIGHTS, _VARIANCES = (torch.from_numpy(table) for table in _solved())
+_ALL = 2 ** len(LAGS) - 1  # the pattern with all neighbours, whose weights are symmetric in time
+
+
+class Around(NamedTuple):
+    """What predictions of a row read, whatever the level of noise.
+
+    Attributes:
+        q: Unit quaternions ``(4, N, T)``.
+        pairs: Sums of what lies 1, 2, ... frames before and after; ``None`` if no prediction has
+            all neighbours.
+        at: Places ``(P,)`` of all that may lack neighbours, as if rows lay one after the other.
+        near: Their neighbours ``(4, P, lags)``.
+        pattern: Which of these are there ``(P,)``.
+    """
+
+    q: Tensor
+    pairs: list[Tensor] | None
+    at: Tensor
+    near: Tensor
+    pattern: Tensor
 
 
 class Prediction(NamedTuple):
     """Predicted rotations, and how surely.
 
     Attributes:
-        q: Unit quaternions ``(..., T, J, 4)``.
-        variance: Squared error to be expected, over that with all neighbours present.
+        q: Quaternions ``(4, N, T)``, nearly of unit length where motion is smooth.
+        variance: Squared error to be expected, over that with all neighbours present ``(N, T)``.
     """
 
     q: Tensor
     variance: Tensor
 
 
-def predict(q: Tensor, present: Tensor, level: Tensor) -> Prediction:
-    """Predict every frame from its neighbours, without itself.
-
-    The weighted mean of quaternions, made a unit one: it commutes with every isometry of the
-    3-sphere.
+def around(q: Tensor, present: Tensor) -> Around:
+    """Gather what predictions read.
 
     Args:
-        q: Unit quaternions ``(..., T, J, 4)``, those present in one hemisphere with the next.
-        present: Booleans ``(..., T, J)``: which frames to read.
-        level: Index into ``LEVELS``, ``(..., 1, J)``.
+        q: Unit quaternions ``(4, N, T)``, those present in one hemisphere with the next.
+        present: Booleans ``(N, T)``: which frames to read.
+    """
+    near = shifted(present, REACH)
+    at = places(~reduce(torch.logical_and, [near[REACH + lag] for lag in LAGS]))
+    pairs = None
+    if at is None:
+        at = all_places(present)
+    else:
+        planes = shifted(q, REACH)
+        pairs = [planes[REACH - lag] + planes[REACH + lag] for lag in range(1, REACH + 1)]
+    beside, there = neighbours(q, present, at)
+    bits = there.to(torch.int64) << torch.arange(len(LAGS), device=q.device)
+    return Around(q, pairs, at, beside, bits.sum(-1))
+
+
+def neighbours(q: Tensor, present: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
+    """Quaternions ``(4, P, lags)`` beside places ``(P,)``, and which of them are there."""
+    frames = q.shape[-1]
+    lags = torch.tensor(LAGS, device=q.device)
+    frame = (at % frames)[:, None] + lags
+    within = (frame >= 0) & (frame < frames)
+    source = torch.where(within, at[:, None] + lags, 0).flatten()
+    near = q.flatten(1).index_select(1, source).reshape(4, *frame.shape)
+    return near, within & present.flatten().index_select(0, source).reshape(frame.shape)
+
+
+def predict(known: Around, level: Tensor) -> Prediction:
+    """Predict every frame from its neighbours, without itself.
+
+    The weighted mean of quaternions: it commutes with every isometry of the 3-sphere.
+
+    Args:
+        known: From :func:`around`.
+        level: Index into ``LEVELS``, ``(N, 1)``.
 
     Returns:
         Predictions; a frame without neighbours keeps itself.
     """
-    bits = spread(present.to(torch.int64), REACH)
-    pattern = sum(bits[i] << place for place, i in enumerate(_places()))
-    index = pattern + level * 2 ** len(LAGS)
-    weights = torch.nn.functional.embedding(index, _WEIGHTS.to(q)).unbind(-1)
-    planes = []
-    for plane in q.unbind(-1):
-        near = spread(plane, REACH)
-        planes.append(_planes.dot(weights, [near[i] for i in _places()]))
-    mean = _planes.join(planes)
-    square = mean.square().sum(-1, keepdim=True)
-    lasting = square > 1e-6
-    unit = torch.where(lasting, mean, q) * torch.where(lasting, square, 1.0).rsqrt()
-    return Prediction(unit, _VARIANCES.to(q)[index])
+    size, count = known.q.shape[1:], 2 ** len(LAGS)
+    index = known.pattern + (level.expand(size).flatten().index_select(0, known.at) * count)
+    weights = torch.nn.functional.embedding(index, _WEIGHTS.to(known.q))
+    mean, variance = (weights * known.near).sum(-1), _VARIANCES.to(known.q)[index]
+    own = known.q.flatten(1).index_select(1, known.at)
+    mean = torch.where(mean.square().sum(0) > 1e-6, mean, own)
+    if known.pairs is None:
+        return Prediction(mean.reshape(known.q.shape), variance.reshape(size))
+    whole = _WEIGHTS.to(known.q)[level * count + _ALL, REACH:]  # (N, 1, REACH)
+    total = whole[..., 0] * known.pairs[0]
+    for weight, pair in zip(whole.unbind(-1)[1:], known.pairs[1:], strict=True):
+        total = torch.addcmul(total, weight, pair)
+    total = total.flatten(1).index_copy(1, known.at, mean).reshape(known.q.shape)
+    ones = torch.ones_like(known.q[0]).flatten()
+    return Prediction(total, ones.index_copy(0, known.at, variance).reshape(size))
 
 
-def _places() -> list[int]:
-    """Where the lags stand among ``-REACH .. REACH``."""
-    return [lag + REACH for lag in LAGS]
+def squared_errors(prediction: Tensor, q: Tensor) -> Tensor:
+    r"""Squared angles between predictions, of any length, and unit quaternions, ``(4, N, T)``.
 
-
-def spread(x: Tensor, reach: int, *, hold: bool = False) -> list[Tensor]:
-    """``x (..., T, J)`` at every lag from ``-reach`` to ``reach``.
-
-    Outside the sequence stands 0, or (``hold``) the frame at the edge.
+    From the tangent of half the angle, which needs no unit length.
     """
-    frames = x.shape[-2]
-    if hold and frames > 0:
-        before, after = (
-            x.narrow(-2, at, 1).expand(*x.shape[:-2], reach, x.shape[-1]) for at in (0, frames - 1)
-        )
-    else:
-        before = after = x.new_zeros((*x.shape[:-2], reach, x.shape[-1]))
-    padded = torch.cat([before, x, after], -2)
-    return [padded.narrow(-2, start, frames) for start in range(2 * reach + 1)]
+    away = prediction - q  # exact where they are near
+    along = _planes.dot(away.unbind(0), q.unbind(0))
+    across = (_planes.dot(away.unbind(0), away.unbind(0)) - along.square()).clamp(min=0.0)
+    return squared_angle_of(across / (1.0 + along).square())
+
+
+def squared_angle_of(tangent: Tensor) -> Tensor:
+    """Squared angle of the squared tangent of its half, both at most those of a half turn."""
+    tangent = tangent.clamp(max=1e12)
+    whole = 1.0 + tangent
+    return 16.0 * squared_arcsine(0.5 * tangent / (whole + whole.sqrt()))
 
 
 def aligned(q: Tensor, good: Tensor) -> Tensor:
     """Choose the signs so that every frame lies in the hemisphere of the last good one before.
 
     Args:
-        q: Unit quaternions ``(..., T, J, 4)``.
-        good: Booleans ``(..., T, J)``.
+        q: Unit quaternions ``(4, N, T)``.
+        good: Booleans ``(N, T)``.
 
     Returns:
-        Unit quaternions ``(..., T, J, 4)``.
+        Unit quaternions ``(4, N, T)``.
     """
-    frame = torch.arange(q.shape[-3], device=q.device)[:, None].expand(good.shape)
-    latest = torch.where(good, frame, 0).cummax(-2).values
-    earlier = (torch.arange(q.shape[-3], device=q.device) - 1).clamp(min=0)
-    before = latest.index_select(-2, earlier)
-    there = q.detach().gather(-3, before[..., None].expand(q.shape))
-    step = _planes.sign_of(_planes.dot(q.detach().unbind(-1), there.unbind(-1)))
-    chain = torch.where(good, step, 1.0).cumprod(-2)
-    return q * (chain.index_select(-2, earlier) * step)[..., None]
+    frame = torch.arange(q.shape[-1], device=q.device).expand(good.shape)
+    latest = torch.where(good, frame, 0).cummax(-1).values
+    earlier = (torch.arange(q.shape[-1], device=q.device) - 1).clamp(min=0)
+    before = latest.index_select(-1, earlier)
+    there = q.detach().gather(-1, before.expand(q.shape))
+    cosine = _planes.dot(q.detach().unbind(0), there.unbind(0))
+    if lowest(cosine) >= 0:
+        return q
+    step = _planes.sign_of(cosine)
+    chain = torch.where(good, step, 1.0).cumprod(-1)
+    return q * (chain.index_select(-1, earlier) * step)

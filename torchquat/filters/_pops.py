@@ -10,8 +10,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchquat import _eager, so3
-from torchquat.filters._kriging import spread
+from torchquat import _eager, _planes, so3
+from torchquat.filters._rows import all_places, places, quaternions_of, rows_of, unrowed
 
 __all__ = ["undone"]
 
@@ -72,6 +72,40 @@ def undone(q: Tensor, present: Tensor, noise: Tensor) -> Tensor:
         Unit quaternions ``(..., T, J, 4)``; what was displaced is constant to gradients of
         everything but itself.
     """
+    joints = places(_restless(q.detach(), noise))
+    if joints is None:
+        return _moved_back(q, present, noise)
+    if joints.numel() == 0:
+        return q
+    rows = quaternions_of(q)
+    known = (rows, rows_of(present), rows_of(noise))
+    columns, there, level = (x.index_select(-2, joints).mT for x in known)
+    moved = _moved_back(columns.movedim(0, -1), there, level)
+    return unrowed(rows.index_copy(1, joints, moved.movedim(-1, 0).mT), q)
+
+
+def _restless(q: Tensor, noise: Tensor) -> Tensor:
+    """Which joints ``(..., J)`` have a step as long as a jump, by itself and beside its neighbours.
+
+    An excess is no longer than its step and half of those beside it together, of which it is twice
+    as long. Chords are up to a tenth shorter than the arcs.
+    """
+    frames = q.shape[-3] - 1
+    here, there = (q.narrow(-3, start, frames).unbind(-1) for start in (0, 1))
+    cosine = _planes.dot(here, there).abs()
+    arc = 0.499 * (1.0 - 0.5 / GESTURE) * _least(noise)
+    long = cosine < torch.cos(arc.clamp(max=0.5 * math.pi))
+    chord = (1.0 - cosine).clamp(min=0.0).sqrt()
+    near = _spread(chord, 1)
+    return (long & (chord >= 0.88 * (GESTURE - 0.5) * (near[0] + near[2]))).any(-2)
+
+
+def _least(noise: Tensor) -> Tensor:
+    """What jumps are larger than, whatever the motion [rad]."""
+    return (TAIL * EXCESS * math.sqrt(3.0) * noise).clamp(min=LEAST)
+
+
+def _moved_back(q: Tensor, present: Tensor, noise: Tensor) -> Tensor:
     with torch.no_grad():
         jumps = _jumps(q.detach(), present, noise)
         if _eager.highest(jumps.inside.to(q.dtype)) == 0.0:
@@ -85,7 +119,8 @@ def _displacement(jumps: _Jumps) -> Tensor:
     """Displacements ``(..., T, J, 4)``, the identity where a frame is in its place."""
     frames = jumps.inside.shape[-2]
     frame = torch.arange(frames, device=jumps.inside.device)[:, None]
-    at = _places(jumps.inside)
+    at = places(jumps.inside)
+    at = all_places(jumps.inside) if at is None else at
     back, rest = _ways_back(jumps, at)
     dense = torch.zeros_like(jumps.inside, dtype=torch.int64).flatten().scatter(0, at, back)
     back = _first_come(dense.view(jumps.inside.shape))
@@ -98,18 +133,12 @@ def _displacement(jumps: _Jumps) -> Tensor:
     source = (frames - torch.arange(frames, device=frame.device)).clamp(max=frames - 1)
     free = free.index_select(-2, source) & (frame > 0)
     ahead = _first_come(_to_the_end(free))
-    at = _places(free)
+    at = places(free)
+    at = all_places(free) if at is None else at
     reverse = so3.inverse(jumps.excess.index_select(-3, source))
     nothing = torch.zeros_like(rest[:1]).expand(at.shape[0], 3)
     head = _placed(reverse, ahead.flatten()[at], nothing, at)
     return so3.compose(head.flip(-3), away)
-
-
-def _places(chosen: Tensor) -> Tensor:
-    """Where it is true, of all places; simply all places where values may not be looked at."""
-    if _eager.visible(chosen):
-        return chosen.flatten().nonzero()[:, 0]
-    return torch.arange(chosen.numel(), device=chosen.device)
 
 
 def _first_come(length: Tensor) -> Tensor:
@@ -186,10 +215,11 @@ def _jumps(q: Tensor, present: Tensor, noise: Tensor) -> _Jumps:
     usual = _usual(angle, known)
     # a jump adds half of itself to the excess of both neighbours
     likely = known & (angle > LIKELY * usual) & (angle > (GESTURE * beside).clamp(min=LEAST))
-    near = spread(likely, 1)
+    near = _spread(likely, 1)
     usual = _usual(angle, known & ~(near[0] | near[1] | near[2]))
-    limit = torch.maximum(GESTURE * beside, TAIL * EXCESS * math.sqrt(3.0) * noise)
-    inside = likely & (angle > limit) & (angle > RATIO * usual)
+    inside = (
+        likely & (angle > torch.maximum(GESTURE * beside, _least(noise))) & (angle > RATIO * usual)
+    )
     ending = inside & (angle > RATIO_AT_END * usual) & (angle > LEAST_AT_END)
     excess = torch.where(inside[..., None], excess, _identity(excess))
     return _Jumps(excess, angle, usual, inside, ending)
@@ -202,9 +232,15 @@ def _usual(angle: Tensor, known: Tensor) -> Tensor:
     return (total / count.clamp(min=1.0)).square()
 
 
+def _spread(x: Tensor, reach: int) -> list[Tensor]:
+    """``x (..., T, J)`` at every lag from ``-reach`` to ``reach``; 0 outside the sequence."""
+    padded = torch.nn.functional.pad(x, (0, 0, reach, reach))
+    return [padded.narrow(-2, start, x.shape[-2]) for start in range(2 * reach + 1)]
+
+
 def _around(x: Tensor) -> Tensor:
     """Sum over the frames near each, but itself and those next to it."""
-    near = spread(x, NEAR)
+    near = _spread(x, NEAR)
     return reduce(torch.add, near[: NEAR - 1] + near[NEAR + 2 :])
 
 

@@ -5,10 +5,11 @@ from functools import reduce
 import torch
 from torch import Tensor, nn
 
-from torchquat import missing, timeline
-from torchquat.filters._kriging import REACH, aligned, predict, spread
+from torchquat import missing, so3, timeline
+from torchquat.filters._kriging import REACH, aligned, around, predict
 from torchquat.filters._outliers import find_outliers
 from torchquat.filters._pops import undone
+from torchquat.filters._rows import places, quaternions_of, rows_of, shifted, unrowed
 
 __all__ = ["OutlierRepair", "mended", "repair"]
 
@@ -72,21 +73,35 @@ class OutlierRepair(nn.Module):
 def mended(q: Tensor, weight: Tensor | None, sigma: Tensor | None) -> tuple[Tensor, Tensor]:
     """:func:`repair` of a prepared signal, without checks; ``sigma`` as ``(..., 1, J)``."""
     weight = torch.ones_like(q[..., 0]) if weight is None else weight
-    noise = torch.zeros_like(q[..., :1, :, 0]) if sigma is None else sigma
+    if q.numel() == 0:
+        return q, weight
+    noise = torch.zeros_like(q[..., :1, :, 0]) + (0.0 if sigma is None else sigma)
     # first what lasts: the ends of a stretch would be taken for wild samples
     q = undone(q, weight > 0, noise)
     with torch.no_grad():
         found = find_outliers(q.detach(), weight > 0, sigma)
-    result = _filled(q, found.good, found.level)
-    return result, torch.where(found.good, weight, 0.0)
+    return _filled(q, found.good, found.level), torch.where(found.good, weight, 0.0)
 
 
 def _filled(q: Tensor, good: Tensor, level: Tensor) -> Tensor:
     """What is good, and in place of the rest what its neighbours predict."""
-    near = spread(good, REACH)
+    rows, known, levels = quaternions_of(q), rows_of(good), rows_of(level)
+    wrong = places(~known.all(-1))
+    if wrong is None:
+        return unrowed(_predicted(rows, known, levels), q)
+    if wrong.numel() == 0:
+        return q
+    some = _predicted(*(x.index_select(-2, wrong) for x in (rows, known, levels)))
+    return unrowed(rows.index_copy(1, wrong, some), q)
+
+
+def _predicted(q: Tensor, good: Tensor, level: Tensor) -> Tensor:
+    """:func:`_filled` for rows ``(4, N, T)``."""
+    near = shifted(good, REACH)
     before, after = reduce(torch.logical_or, near[:REACH]), reduce(torch.logical_or, near[-REACH:])
     # further off, a cubic through few frames swings out more than the geodesic errs
     reached = (before & after) | near[REACH - 1] | near[REACH + 1]
-    smooth = predict(aligned(torch.where(good[..., None], q, q.detach()), good), good, level).q
-    rest = torch.where(reached[..., None], smooth, missing.interpolate(q, good))
-    return torch.where(good[..., None], q, rest)
+    smooth = predict(around(aligned(torch.where(good, q, q.detach()), good), good), level).q
+    smooth = so3.normalize(smooth.movedim(0, -1)).movedim(-1, 0)
+    between = missing.interpolate(q.mT.movedim(0, -1), good.mT).movedim(-1, 0).mT
+    return torch.where(good, q, torch.where(reached, smooth, between))
