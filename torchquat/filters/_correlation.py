@@ -13,7 +13,7 @@ from torchquat.filters._local_spectra import (
 )
 from torchquat.filters._moving_frame import path_of
 from torchquat.filters._overlap import centred, cut
-from torchquat.noise.estimate import sigma_if_correlated
+from torchquat.noise.estimate import Estimate, measured, sizes_of
 
 __all__ = ["noise_of", "rounded"]
 
@@ -30,7 +30,9 @@ LEAST_PRESENT = 0.5  # of a window, to count
 STEP = 2.0**-8  # of the digits of estimated noise, 1/2 to 1
 
 
-def noise_of(q: Tensor, motion: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
+def noise_of(
+    q: Tensor, motion: Tensor, weight: Tensor | None, seen: list[Estimate] | None = None
+) -> tuple[Tensor, Tensor]:
     r"""Size of the noise of every joint, and the correlation of neighbouring frames of it.
 
     For each correlation that is tried, the size follows from high differences, which see hardly
@@ -48,13 +50,14 @@ def noise_of(q: Tensor, motion: Tensor, weight: Tensor | None) -> tuple[Tensor, 
         q: Unit quaternions ``(..., T, J, 4)``, missing frames filled.
         motion: A smooth motion near it.
         weight: Confidence ``(..., T, J)``.
+        seen: What is measured of the noise, if that is known already.
 
     Returns:
         Standard deviations ``(..., J)`` [rad], rounded, and the correlation ``(..., 1)``.
     """
     with torch.no_grad():
         q = q.detach()
-        sigma = sigma_if_correlated(q, weight, RHOS)
+        sigma = sizes_of(measured(q, weight) if seen is None else seen, RHOS)
         evidence = _evidence(q, motion.detach(), weight, sigma)
         chosen = (evidence >= evidence.amax(0) - MARGIN).to(torch.uint8).argmax(0)
         rho = _rhos(q).index_select(0, chosen.flatten()).reshape(*chosen.shape, 1)

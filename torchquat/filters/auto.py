@@ -6,11 +6,11 @@ import torch
 from torch import Tensor, nn
 
 from torchquat import so3, timeline
-from torchquat.filters._correlation import noise_of
+from torchquat.filters._correlation import noise_of, rounded
 from torchquat.filters._mixture import mixture
 from torchquat.filters._moving_frame import ROUGH_RADIUS, rough_motion
 from torchquat.filters.repair import mended
-from torchquat.filters.spectral import noise_level
+from torchquat.noise.estimate import measured, sizes_of
 
 __all__ = ["AutoDenoiser", "denoise"]
 
@@ -47,11 +47,14 @@ def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -
     if q.numel() == 0 or strength == 0:
         return q.clone()
     with torch.autocast(q.device.type, enabled=False):
-        level = noise_level(prepared, confidence, None)
+        seen = measured(prepared, confidence)
+        level = rounded(sizes_of(seen, (0.0,))[0])
         repaired, trust = mended(prepared, confidence, level[..., None, :])
+        if repaired is not prepared:
+            seen = measured(repaired, trust)
         # what was replaced tells nothing of the noise, but is the best guess at the motion
         motion = rough_motion(repaired.detach(), ROUGH_RADIUS)
-        level, rho = noise_of(repaired, motion, trust)
+        level, rho = noise_of(repaired, motion, trust, seen)
         result = mixture(repaired, confidence, level, rho, motion)
         if strength != 1:
             result = so3.slerp(prepared, result, strength)

@@ -50,7 +50,7 @@ def least_axes(
 
 def _principal_power(vector: Tensor, chosen: Tensor) -> Tensor:
     """Eigenvalues of the sum of ``v v^T``, rising, ``(..., J, 3)``."""
-    kept = torch.where(chosen, vector, 0.0)
+    kept = chosen.to(vector.dtype) * vector
     entries = {
         (i, j): (kept[i] * kept[j]).sum(-1).double() for i in range(AXES) for j in range(i, AXES)
     }
