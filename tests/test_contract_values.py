@@ -84,7 +84,7 @@ def test_A9_derivatives_near_half_turns(off, side):
     assert gradcheck(bilateral, (q,), **GRADIENT)
 
 
-@pytest.mark.parametrize("norm", [1e-30, 1e-20, 1e20, 1e30])
+@pytest.mark.parametrize("norm", [1e-30, 1e30])
 def test_A12_norms_of_any_size(norm, run, rng, dtype):
     q = smooth_motion(rng=rng)
     assert_same_rotation(run((q * norm).to(dtype)), run(q.to(dtype)))

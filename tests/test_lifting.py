@@ -50,7 +50,7 @@ def wavelet(request):
 
 def test_B4_every_length_and_number_of_levels_comes_back(wavelet, rng, dtype):
     long = smooth_motion(frames=max(LENGTHS), joints=1, step=0.5, rng=rng, dtype=dtype)
-    for frames in LENGTHS:
+    for frames in LENGTHS if dtype == torch.float64 else LENGTHS[::4]:
         q = long[:frames]
         # None is as deep as the length allows; 8 is deeper than that for most
         for levels in (1, 2, None) if frames % 8 else (0, 3, 5, 8):

@@ -39,7 +39,7 @@ def weights_of(q, weight):
 def test_agrees_with_the_loop(mask, boundary, pattern, causal, rng):
     if causal and mask == "savitzky-golay":
         mask = "sharpening"  # its earlier half sums to more than 0 as well
-    for frames in (1, 2, 3, 7, 12):
+    for frames in (1, 2, 3, 12):
         q, weight = with_pattern(smooth_motion(frames=frames, rng=rng, step=0.4), pattern, rng)
         actual = linear_filter(q, weight, mask=MASKS[mask], boundary=boundary, causal=causal)
         expected = reference.every_joint(

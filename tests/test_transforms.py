@@ -62,7 +62,14 @@ RECURSIVE = {
 """Python steps through their frames, so a compiler has every length as a program of its own."""
 
 FIXED = torch._dynamo.exc.UserError
-ONE_LENGTH = ("local-spectrum-short", "local-spectrum", "auto", "repair")
+ONE_LENGTH = (
+    "local-spectrum-short",
+    "local-spectrum",
+    "low-rank",
+    "low-rank-short",
+    "auto",
+    "repair",
+)
 """How many windows there are, or which neighbours, is fixed when these are exported."""
 
 WINDOWED = QUICK | OTHERS
@@ -122,6 +129,7 @@ def test_C1_C2_recursive_filters_compile_in_one_graph(recursive, rng):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:`torch.jit:DeprecationWarning")  # inductor's own
 def test_C1_C2_generated_code_agrees(windowed, rng):
     compiled = torch.compile(windowed, fullgraph=True)
     for q in (smooth_motion(rng=rng, dtype=torch.float32), with_gaps(rng, torch.float32)):
@@ -146,7 +154,14 @@ def compilations(run, lengths, rng):
     return len(graphs) - first_two
 
 
-def test_C3_lengths_in_turn_do_not_compile_again(windowed, rng):
+@pytest.mark.parametrize("name", ["bilateral", "local-spectrum-short"])
+def test_C3_lengths_in_turn_do_not_compile_again(name, rng):
+    torch.compiler.reset()
+    assert compilations(QUICK[name], (5, 6, 7, 50), rng) <= 2
+
+
+@pytest.mark.slow
+def test_C3_many_lengths_in_turn_do_not_compile_again(windowed, rng):
     assert compilations(windowed, (5, 6, 7, 11, 50, 200), rng) <= 2
 
 
