@@ -13,7 +13,8 @@ from torchquat.filters._local_spectra import (
 )
 from torchquat.filters._moving_frame import path_of
 from torchquat.filters._overlap import centred, cut
-from torchquat.noise.estimate import Estimate, measured, sizes_of
+from torchquat.filters._whitened import Stretch, Units, in_units, rows, units_of
+from torchquat.noise.estimate import Measured, measured, sizes_of
 
 __all__ = ["noise_of", "rounded"]
 
@@ -31,7 +32,11 @@ STEP = 2.0**-8  # of the digits of estimated noise, 1/2 to 1
 
 
 def noise_of(
-    q: Tensor, motion: Tensor, weight: Tensor | None, seen: list[Estimate] | None = None
+    q: Tensor,
+    motion: Tensor,
+    weight: Tensor | None,
+    seen: Measured | None = None,
+    stretch: Stretch | None = None,
 ) -> tuple[Tensor, Tensor]:
     r"""Size of the noise of every joint, and the correlation of neighbouring frames of it.
 
@@ -51,14 +56,16 @@ def noise_of(
         motion: A smooth motion near it.
         weight: Confidence ``(..., T, J)``.
         seen: What is measured of the noise, if that is known already.
+        stretch: About which axes it is larger.
 
     Returns:
         Standard deviations ``(..., J)`` [rad], rounded, and the correlation ``(..., 1)``.
     """
     with torch.no_grad():
         q = q.detach()
-        sigma = sizes_of(measured(q, weight) if seen is None else seen, RHOS)
-        evidence = _evidence(q, motion.detach(), weight, sigma)
+        seen = measured(q, weight) if seen is None else seen
+        sigma = sizes_of(seen.estimates, RHOS)
+        evidence = _evidence(q, motion.detach(), weight, sigma, stretch)
         chosen = (evidence >= evidence.amax(0) - MARGIN).to(torch.uint8).argmax(0)
         rho = _rhos(q).index_select(0, chosen.flatten()).reshape(*chosen.shape, 1)
         index = chosen[None, ..., None].expand(1, *sigma.shape[1:])
@@ -76,12 +83,15 @@ def rounded(sigma: Tensor) -> Tensor:
     return torch.ldexp((digits / STEP).round() * STEP, exponent)
 
 
-def _evidence(q: Tensor, motion: Tensor, weight: Tensor | None, sigma: Tensor) -> Tensor:
+def _evidence(
+    q: Tensor, motion: Tensor, weight: Tensor | None, sigma: Tensor, stretch: Stretch | None
+) -> Tensor:
     """Logarithm of the likelihood of every correlation, up to a constant, ``(R, ...)``."""
     windows = windows_of(q.shape[-3], WINDOW, q, hops=1, most=MOST)
     known = (sigma > 0).all(0)
+    units = units_of(torch.where(known, sigma[0], 0.0), None, stretch)
     sigma = torch.where(known, sigma, 1.0).reshape(len(RHOS), -1, q.shape[-2])
-    power, counts = _spectra(q, motion, weight, windows, sigma[0])
+    power, counts = _spectra(q, motion, weight, windows, units)
     counts = counts & known.reshape(-1, 1, q.shape[-2])
     bands = _bands(windows)
     power = times(bands, power)
@@ -97,15 +107,15 @@ def _evidence(q: Tensor, motion: Tensor, weight: Tensor | None, sigma: Tensor) -
 
 
 def _spectra(
-    q: Tensor, motion: Tensor, weight: Tensor | None, windows: Windows, sigma: Tensor
+    q: Tensor, motion: Tensor, weight: Tensor | None, windows: Windows, units: Units
 ) -> tuple[Tensor, Tensor]:
-    """Squared coefficients ``(N windows, W, 3 J)``, in units of ``sigma (N, J)``, and which count.
+    """Squared coefficients ``(N windows, W, 3 J)``, in units of the noise, and which count.
 
     Frames that are missing lie on the rough motion, without noise: the rest is scaled up for them.
     """
     present = torch.ones_like(q[..., 0]) if weight is None else (weight > 0).to(q.dtype)
     x = path_of(motion) + present[..., None] * so3.between(motion, q)
-    x = (x / sigma.reshape(*q.shape[:-3], 1, -1, 1)).reshape(-1, q.shape[-3], 3 * q.shape[-2])
+    x = rows(in_units(x, units))
     power = times(windows.basis, centred(cut(x, windows.frame))).square()
     share = present.reshape(-1, *present.shape[-2:]).index_select(1, windows.frame.flatten())
     share = share.unflatten(1, windows.frame.shape).mean(2)  # (N, windows, J)

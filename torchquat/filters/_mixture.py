@@ -14,7 +14,16 @@ from torchquat.filters._local_spectra import (
 )
 from torchquat.filters._mixing import Estimate, mixed
 from torchquat.filters._moving_frame import path_of
-from torchquat.filters._whitened import along, away_from, main_axes, rows, units_of
+from torchquat.filters._whitened import (
+    Stretch,
+    along,
+    away_from,
+    in_radians,
+    in_units,
+    main_axes,
+    rows,
+    units_of,
+)
 from torchquat.filters.low_rank import low_rank_move
 
 __all__ = ["mixture"]
@@ -24,7 +33,14 @@ WINDOWS = (40, 192)  # of the local spectra [frames]
 STACK, SPAN = 6, 64  # rows of a Hankel matrix and the stretch it is made of [frames]
 
 
-def mixture(q: Tensor, weight: Tensor | None, sigma: Tensor, rho: Tensor, motion: Tensor) -> Tensor:
+def mixture(
+    q: Tensor,
+    weight: Tensor | None,
+    sigma: Tensor,
+    rho: Tensor,
+    motion: Tensor,
+    stretch: Stretch | None = None,
+) -> Tensor:
     """Shrink low-rank trajectories, and local spectra in short and in long windows about them.
 
     Args:
@@ -33,26 +49,28 @@ def mixture(q: Tensor, weight: Tensor | None, sigma: Tensor, rho: Tensor, motion
         sigma: Noise of every joint ``(..., J)`` [rad]; joints without noise stay as they are.
         rho: Correlation of neighbouring frames of the noise ``(..., 1)``.
         motion: A smooth motion near q ``(..., T, J, 4)``.
+        stretch: About which axes the noise is larger.
 
     Returns:
         Unit quaternions ``(..., T, J, 4)``. Derivatives take gains, axes, shares and the noise as
         given.
     """
-    units = units_of(sigma, weight)
+    units = units_of(sigma, weight, stretch)
     rho = rho.reshape(-1, 1)
     with torch.no_grad():
-        path = path_of(motion) / units.scale
+        path = in_units(path_of(motion), units)
         move = _rough(away_from(motion, q, units), path, rho)
         axes = main_axes(path + move)
-        motion = so3.turn(motion, units.scale * move)
-        path = path_of(motion) / units.scale
+        motion = so3.turn(motion, in_radians(move, units))
+        path = in_units(path_of(motion), units)
     away = away_from(motion, q, units)
     turned, known = along(away, axes), along(path, axes)
     estimates = [_local(turned, known, window, rho) for window in WINDOWS]
     estimates.append(_low_rank(away, path, units.noisy, rho, axes))
     believed = torch.ones_like(away[..., :1]) if units.trust is None else units.trust
     move = mixed(estimates, turned, torch.where(units.noisy, believed, 0.0)[..., 0])
-    return torch.where(units.noisy, so3.turn(motion, units.scale * along(move, axes.mT)), q)
+    move = in_radians(along(move, axes.mT), units)
+    return torch.where(units.noisy, so3.turn(motion, move), q)
 
 
 def _rough(away: Tensor, path: Tensor, rho: Tensor) -> Tensor:

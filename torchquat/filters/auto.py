@@ -9,8 +9,10 @@ from torchquat import so3, timeline
 from torchquat.filters._correlation import noise_of, rounded
 from torchquat.filters._mixture import mixture
 from torchquat.filters._moving_frame import ROUGH_RADIUS, rough_motion
+from torchquat.filters._whitened import Stretch, mean_size, stretch_of
 from torchquat.filters.repair import mended
-from torchquat.noise.estimate import measured, sizes_of
+from torchquat.noise._principal import principal
+from torchquat.noise.estimate import Measured, measured, sizes_of
 
 __all__ = ["AutoDenoiser", "denoise"]
 
@@ -48,17 +50,25 @@ def denoise(q: Tensor, weight: Tensor | None = None, *, strength: float = 1.0) -
         return q.clone()
     with torch.autocast(q.device.type, enabled=False):
         seen = measured(prepared, confidence)
-        level = rounded(sizes_of(seen, (0.0,))[0])
-        repaired, trust = mended(prepared, confidence, level[..., None, :])
+        level, stretch = _noise(seen)
+        size = mean_size(level, stretch)[..., None, :]
+        repaired, trust = mended(prepared, confidence, size)
         if repaired is not prepared:
             seen = measured(repaired, trust)
+            stretch = _noise(seen)[1]
         # what was replaced tells nothing of the noise, but is the best guess at the motion
         motion = rough_motion(repaired.detach(), ROUGH_RADIUS)
-        level, rho = noise_of(repaired, motion, trust, seen)
-        result = mixture(repaired, confidence, level, rho, motion)
+        level, rho = noise_of(repaired, motion, trust, seen, stretch)
+        result = mixture(repaired, confidence, level, rho, motion, stretch)
         if strength != 1:
             result = so3.slerp(prepared, result, strength)
     return timeline.restore(result, prepared, q)
+
+
+def _noise(seen: Measured) -> tuple[Tensor, Stretch | None]:
+    """Size of the noise of every joint ``(..., J)``, and about which axes it is larger."""
+    level = rounded(sizes_of(seen.estimates, (0.0,))[0])
+    return level, stretch_of(principal(seen.found), level)
 
 
 class AutoDenoiser(nn.Module):

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-__all__ = ["AXES", "least_axes"]
+__all__ = ["AXES", "least_axes", "moment"]
 
 AXES = 3
 LEAST = {3: 0.0, 2: -1.0368, 1: -2.0727}
@@ -50,6 +50,11 @@ def least_axes(
 
 def _principal_power(vector: Tensor, chosen: Tensor) -> Tensor:
     """Eigenvalues of the sum of ``v v^T``, rising, ``(..., J, 3)``."""
+    return torch.linalg.eigvalsh(moment(vector, chosen)).clamp(min=0.0).to(vector.dtype)
+
+
+def moment(vector: Tensor, chosen: Tensor) -> Tensor:
+    """The sum of ``v v^T`` of those chosen, in double precision ``(..., J, 3, 3)``."""
     kept = chosen.to(vector.dtype) * vector
     entries = {
         (i, j): (kept[i] * kept[j]).sum(-1).double() for i in range(AXES) for j in range(i, AXES)
@@ -57,4 +62,4 @@ def _principal_power(vector: Tensor, chosen: Tensor) -> Tensor:
     rows = [
         torch.stack([entries[min(i, j), max(i, j)] for j in range(AXES)], -1) for i in range(AXES)
     ]
-    return torch.linalg.eigvalsh(torch.stack(rows, -1)).clamp(min=0.0).to(vector.dtype)
+    return torch.stack(rows, -1)

@@ -7,15 +7,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torchquat import _planes, missing, so3
+from torchquat import missing
 from torchquat._checks import check_signal
-from torchquat._eager import visible
 from torchquat.noise._axes import AXES, least_axes
+from torchquat.noise._differences import Differences, differences, overlap
 from torchquat.noise._ranks import masked_mean, quantile, running_mean
 
-__all__ = ["Estimate", "estimate_sigma", "measured", "sizes_of"]
+__all__ = ["Measured", "estimate_sigma", "measured", "sizes_of"]
 
-ORDERS = (2, 4, 6, 8)  # of the differences; even ones have a frame in the middle
 CUT = 3.5  # standard deviations: longer vectors are something else than noise
 KEPT_POWER = 0.9754  # mean of chi_3^2 / 3 where it is below CUT^2
 START, START_POWER = 0.3, 1.4237  # a quantile that outliers hardly move, and that of chi_3^2
@@ -23,8 +22,7 @@ PASSES = 8
 QUIET_POWER = {2: 0.7027, 4: 0.6517, 6: 0.6176, 8: 0.5936}
 """Mean power of white noise in the quieter half of its windows, by order of the difference."""
 DOUBT = 2.0  # standard errors by which a less certain estimate must be lower to be believed
-LEAST_COUNT = 2.0  # independent vectors that an estimate must rest on
-WINDOWS, WINDOW = 16, 64  # of longer sequences; more frames would tell hardly anything new
+LEAST_COUNT = 4.0  # independent vectors that an estimate must rest on
 LARGEST = 1.3  # [rad]; beyond it rotations lie so evenly that nothing tells sizes apart
 
 
@@ -37,17 +35,11 @@ class Estimate(NamedTuple):
     known: Tensor
 
 
-class _Differences(NamedTuple):
-    """Differences of one order: squared norms, vectors in the body frame, and which count.
+class Measured(NamedTuple):
+    """Differences, and estimates of the noise by them as if it were alike about all axes."""
 
-    Scaled so that the noise of single frames keeps its size, where it is small. Time comes last:
-    most of what follows sums along it.
-    """
-
-    order: int
-    square: Tensor  # (..., J, windows, N)
-    vector: Tensor  # (3, ..., J, windows, N)
-    valid: Tensor  # (..., J, windows, N)
+    found: list[Differences]
+    estimates: list[Estimate]
 
 
 def estimate_sigma(q: Tensor, weight: Tensor | None = None) -> Tensor:
@@ -78,7 +70,7 @@ def estimate_sigma(q: Tensor, weight: Tensor | None = None) -> Tensor:
 
     Returns:
         Standard deviation of each component of the noise's rotation vector [rad], ``(..., J)``, in
-        the dtype of ``q``, at most 1.3. 0 where fewer than a dozen frames are present. It has no
+        the dtype of ``q``, at most 1.3. 0 where fewer than ten frames are present. It has no
         gradient. The standard error is 4 % for 300 frames, 5 % for 200 and 2 % for 1000 and more:
         of long sequences, 1024 frames are looked at.
 
@@ -90,10 +82,10 @@ def estimate_sigma(q: Tensor, weight: Tensor | None = None) -> Tensor:
         Hall, Kay and Titterington, "Asymptotically optimal difference-based estimation of variance
         in nonparametric regression", Biometrika 1990, for differences in general.
     """
-    return sizes_of(measured(q, weight), (0.0,))[0].to(q.dtype)
+    return sizes_of(measured(q, weight).estimates, (0.0,))[0].to(q.dtype)
 
 
-def measured(q: Tensor, weight: Tensor | None) -> list[Estimate]:
+def measured(q: Tensor, weight: Tensor | None) -> Measured:
     """What the size of the noise is told from, the same for all correlations.
 
     Long sequences are seen in 16 windows, spread evenly over what is present of each joint.
@@ -104,13 +96,9 @@ def measured(q: Tensor, weight: Tensor | None) -> list[Estimate]:
     """
     check_signal(q, weight)
     with torch.no_grad():
-        present = missing.validity(q.detach(), weight).mT
-        frame, valid, linked = _windows(present)
-        work = (q.float() if q.dtype.itemsize < 4 else q).detach()
-        rows = [plane.mT.gather(-1, frame.flatten(-2)) for plane in work.unbind(-1)]
-        unit = so3.normalize(_planes.join(rows)).movedim(-1, 0).unflatten(-1, frame.shape[-2:])
-        found = _differences(unit, valid, linked)
-        return [estimate for each in found for estimate in _estimates(each)]
+        found = list(differences(q.detach(), missing.validity(q.detach(), weight)))
+        estimates = [estimate for each in found for estimate in _estimates(each)]
+        return Measured(found, estimates)
 
 
 def sizes_of(estimates: list[Estimate], rhos: Sequence[float]) -> Tensor:
@@ -120,7 +108,7 @@ def sizes_of(estimates: list[Estimate], rhos: Sequence[float]) -> Tensor:
     :math:`\sum_l (-1)^l \binom{2p}{p + l} \rho^{|l|} / \binom{2p}{p}`.
 
     Args:
-        estimates: From :func:`measured`.
+        estimates: Of :func:`measured`.
         rhos: Correlations of neighbouring frames that may be the true one, in [0, 1).
 
     Returns:
@@ -142,72 +130,7 @@ def _seen(order: int, rhos: Sequence[float], like: Tensor) -> Tensor:
     return like.new_tensor(shares).reshape(-1, *(1,) * like.dim())
 
 
-def _windows(present: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Frames to look at ``(..., J, N, S)``, whether each is one, and if it follows that before.
-
-    All frames present, one after the other; where hardly any lie side by side, taken as if they
-    did.
-    """
-    frames = present.shape[-1]
-    count = present.sum(-1, keepdim=True)
-    pairs = (present[..., 1:] & present[..., :-1]).sum(-1, keepdim=True)
-    longer = torch.sym_min((frames - 1) // (WINDOWS * WINDOW), 1)  # 1 if it is, else 0
-    number = 1 + longer * (WINDOWS - 1)
-    size = frames + longer * (WINDOW - frames)
-    index = torch.arange(number, device=present.device)
-    between = (count - number * size).clamp(min=0)
-    last = torch.sym_max(number - 1, 1)
-    ahead, back = (each * between // last for each in (index, number - 1 - index))
-    start = index * size + torch.where(2 * index < number, ahead, between - back)
-    rank = start[..., None] + torch.arange(size, device=present.device)
-    source = _packed(present).gather(-1, rank.flatten(-2).clamp(max=frames - 1))
-    source = source.unflatten(-1, rank.shape[-2:])
-    follows = (source[..., 1:] - source[..., :-1] == 1) | (2 * pairs < count)[..., None]
-    return source, rank < count[..., None], follows
-
-
-def _packed(present: Tensor) -> Tensor:
-    """Frames in their order, those present first."""
-    frame = torch.arange(present.shape[-1], device=present.device).expand(present.shape)
-    if visible(present) and bool(present.all()):
-        return frame
-    here = present.cumsum(-1)
-    place = torch.where(present, here - 1, here[..., -1:] + frame - here)
-    return torch.zeros_like(place).scatter(-1, place, frame)
-
-
-def _differences(planes: Tensor, present: Tensor, follows: Tensor) -> Iterator[_Differences]:
-    """By the matrices ``q q^T``, which do not know signs: rotations lie twice as far apart.
-
-    A sequence too short for the lowest order gets one difference that does not count.
-    """
-    short = max(ORDERS[0] + 1 - planes.shape[-1], 0)
-    planes, present, follows = (
-        torch.nn.functional.pad(x, (0, short)) for x in (planes, present, follows)
-    )
-    row, column = torch.triu_indices(4, 4, device=planes.device)
-    steps = planes[row] * planes[column]  # the upper triangle
-    twice = torch.where(row == column, 1.0, 2.0).to(steps).reshape(-1, *(1,) * present.dim())
-    valid = present[..., 1:] & present[..., :-1] & follows
-    for order in range(1, min(ORDERS[-1], planes.shape[-1] - 1) + 1):
-        steps = steps[..., 1:] - steps[..., :-1]
-        if order > 1:
-            valid = valid[..., 1:] & valid[..., :-1]
-        if order in ORDERS:
-            gain = math.comb(2 * order, order)
-            square = (2.0 / gain) * (twice * steps.square()).sum(0)
-            vector = _body_vector(planes.narrow(-1, order // 2, steps.shape[-1]), steps)
-            yield _Differences(order, square, (2.0 / gain**0.5) * vector, valid)
-
-
-def _body_vector(q: Tensor, steps: Tensor) -> Tensor:
-    """Vector part of ``q^-1 (S q)`` for symmetric matrices, given by their upper triangles."""
-    rows = ((0, 1, 2, 3), (1, 4, 5, 6), (2, 5, 7, 8), (3, 6, 8, 9))
-    x, y, z, w = (_planes.dot([steps[k] for k in row], q.unbind(0)) for row in rows)
-    return torch.stack(_planes.vector_part(q.unbind(0), (x, y, z, w)))
-
-
-def _estimates(found: _Differences) -> Iterator[Estimate]:
+def _estimates(found: Differences) -> Iterator[Estimate]:
     """From all and from quiet times, by three, two and one axis."""
     square, valid, vector = (x.flatten(-2) for x in (found.square, found.valid, found.vector))
     variance = _truncated(square, valid)
@@ -216,7 +139,7 @@ def _estimates(found: _Differences) -> Iterator[Estimate]:
     quiet = inside & (local <= quantile(local, inside, 0.5))
     calm = masked_mean(square, quiet) / (AXES * QUIET_POWER[found.order])
     for chosen, power in ((inside, variance), (quiet, calm)):
-        independent = chosen.sum(-1).to(power.dtype) / _overlap(found.order)
+        independent = chosen.sum(-1).to(power.dtype) / overlap(found.order)
         enough = independent >= LEAST_COUNT
         axes = least_axes(vector, chosen, independent.clamp(min=LEAST_COUNT))
         for ratio, error, known in axes:
@@ -230,13 +153,6 @@ def _truncated(square: Tensor, valid: Tensor) -> Tensor:
         inside = valid & (square < CUT**2 * variance)
         variance = masked_mean(square, inside) / (AXES * KEPT_POWER)
     return variance
-
-
-def _overlap(order: int) -> float:
-    """How many squared differences of white noise are worth one that is independent."""
-    gain = math.comb(2 * order, order)
-    lags = (math.comb(2 * order, order + lag) / gain for lag in range(1, order + 1))
-    return 1.0 + 2.0 * sum(correlation**2 for correlation in lags)
 
 
 def _lowest(estimates: Iterator[Estimate]) -> Tensor:
