@@ -6,7 +6,7 @@ INPUT := examples/data/sports2d_demo.npz
 .PHONY: demo test lint clean
 
 demo: .venv/ready  ## denoise what a pose estimator saw in a video, and plot it
-	$(BIN)/python examples/denoise.py $(INPUT) --output $(DEMO)/sports2d_demo.bvh --overwrite
+	$(BIN)/python examples/denoise.py $(INPUT) --output $(DEMO)/sports2d_demo.bvh --config configs/bilateral.yaml --overwrite
 	$(BIN)/python examples/plot_motion.py $(INPUT) $(DEMO)/sports2d_demo.bvh --output $(DEMO)/arm.png --joint LeftForeArm --start 6
 	$(BIN)/python examples/plot_motion.py $(INPUT) $(DEMO)/sports2d_demo.bvh --output $(DEMO)/leg.png --joint RightLeg --start 190
 

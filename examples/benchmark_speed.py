@@ -27,7 +27,13 @@ from _timing import Job, in_turn
 from benchmark_memory import smooth_noisy
 from torch import Tensor, nn
 
-from torchquat import BilateralFilter, GaussianFilter, LiftingDenoiser, NonLocalPoseMeans
+from torchquat import (
+    AutoDenoiser,
+    BilateralFilter,
+    GaussianFilter,
+    LiftingDenoiser,
+    NonLocalPoseMeans,
+)
 
 UNIT = "scipy gaussian_filter1d, components"
 FILTERS: dict[str, Callable[[], nn.Module]] = {
@@ -36,6 +42,7 @@ FILTERS: dict[str, Callable[[], nn.Module]] = {
     "non-local, 11 of 21 poses": lambda: NonLocalPoseMeans(0.1),
     "lifting, haar, 4 levels": lambda: LiftingDenoiser("haar"),
     "lifting, linear, 4 levels": lambda: LiftingDenoiser("linear"),
+    "auto denoiser": AutoDenoiser,
 }
 
 

@@ -1,7 +1,7 @@
 """Denoise motion files with a filter from a config.
 
-python examples/denoise.py INPUT [INPUT ...] --output OUT [--config configs/bilateral.yaml]
-       [--filter.init_args.sigma_g 0.2] [--workers N] [--overwrite]
+python examples/denoise.py INPUT [INPUT ...] --output OUT [--config configs/auto.yaml]
+       [--filter.init_args.strength 0.8] [--workers N] [--overwrite]
 
 INPUT is a file (BVH, AMASS or SMPL npz, plain npz), a folder or a glob; OUT is a file for one
 input, else a folder that mirrors the inputs. All but the rotations comes back as it was read.
@@ -24,7 +24,7 @@ from tqdm import tqdm
 from torchquat import fill_missing, io, metrics
 from torchquat.io import Motion
 
-DEFAULT_CONFIG = Path(__file__).parents[1] / "configs" / "bilateral.yaml"
+DEFAULT_CONFIG = Path(__file__).parents[1] / "configs" / "auto.yaml"
 
 
 def denoise(motion: Motion, config: FilterConfig) -> Motion:
