@@ -53,6 +53,7 @@ from torchquat.filters import (
     stored_share,
 )
 from torchquat.missing import fill_missing, validity
+from torchquat.representation import RepresentationAdapter, continuous_rotvec, convert
 from torchquat.skeleton import Skeleton
 
 __all__ = [
@@ -81,12 +82,15 @@ __all__ = [
     "OutlierRepair",
     "PrincipalComponentFilter",
     "Pyramid",
+    "RepresentationAdapter",
     "SavitzkyGolayFilter",
     "Skeleton",
     "SquadPredict",
     "bilateral_filter",
     "butterworth_filter",
     "compress",
+    "continuous_rotvec",
+    "convert",
     "denoise",
     "fill_missing",
     "gaussian_filter",

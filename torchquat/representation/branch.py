@@ -1,0 +1,75 @@
+"""Rotation vectors without jumps: full turns about the axis, where the path asks for them."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from torchquat import so3
+
+__all__ = ["continuous_rotvec"]
+
+FULL_TURN = 2.0 * math.pi
+
+
+def continuous_rotvec(q: Tensor, start: Tensor | None = None) -> Tensor:
+    r"""Rotation vectors, each on the branch nearest to that of the frame before.
+
+    A rotation vector is free up to full turns about its own axis, :math:`(\theta + 2 \pi n) u`.
+    Those of a smooth path are smooth, through half turns and full turns too. Beyond a half turn no
+    branch is continuous where the axis turns by more than 60 degrees between two frames: the
+    branch nearest to zero is taken up again there. Frames without a direction keep the axis of the
+    frame before.
+
+    Args:
+        q: Unit quaternions ``(..., T, J, 4)``.
+        start: Rotation vectors ``(..., J, 3)`` [rad] that the first frame should be near to; rows
+            that are not finite, or 0, ask for an angle of at most pi.
+
+    Returns:
+        Rotation vectors ``(..., T, J, 3)`` [rad] of any length.
+    """
+    short = so3.log(q)
+    square = short.square().sum(-1)
+    turning = square.detach() > torch.finfo(q.dtype).tiny
+    angle = torch.where(turning, torch.where(turning, square, 1.0).sqrt(), 0.0)
+
+    with torch.no_grad():
+        before = torch.zeros_like(short[..., :1, :, :]) if start is None else start[..., None, :, :]
+        before = torch.where(torch.isfinite(before).all(-1, keepdim=True), before, 0.0)
+        axis, length = _axes(short.detach(), angle.detach(), turning, before.detach())
+        turns = _full_turns(axis, length)[..., 1:, :]
+        axis = axis[..., 1:, :, :]
+    stretch = 1.0 + FULL_TURN * turns / torch.where(turning, angle, 1.0)
+    standing = FULL_TURN * turns[..., None] * axis
+    return torch.where(turning[..., None], short * stretch[..., None], standing)
+
+
+def _axes(short: Tensor, angle: Tensor, turning: Tensor, before: Tensor) -> tuple[Tensor, Tensor]:
+    """Unit axes and angles of a frame before the first and of all frames, axes held at rest."""
+    length = before.norm(dim=-1)
+    vectors = torch.cat([before, short], -3)
+    lengths = torch.cat([length, angle], -2)
+    moving = torch.cat([length > 0, turning], -2)
+    frame = torch.arange(vectors.shape[-3], device=short.device)[:, None].expand(moving.shape)
+    held = torch.where(moving, frame, 0).cummax(-2).values[..., None].expand(vectors.shape)
+    unit = vectors / torch.where(moving, lengths, 1.0)[..., None]
+    return unit.gather(-3, held), lengths
+
+
+def _full_turns(axis: Tensor, angle: Tensor) -> Tensor:
+    """Full turns to add to each angle ``(..., T, J)``, 0 to the first.
+
+    Frame by frame, ``n = turned + sign * n_before``, with the sign by which the axis changes: a
+    running sum of signed steps. Where the axis is another one altogether it starts anew.
+    """
+    cosine = (axis[..., 1:, :, :] * axis[..., :-1, :, :]).sum(-1)
+    turned = torch.round((cosine * angle[..., :-1, :] - angle[..., 1:, :]) / FULL_TURN)
+    anew = cosine.abs() < 0.5
+    sign = torch.where(anew | (cosine > 0), 1.0, -1.0).to(angle.dtype).cumprod(-2)
+    total = torch.cat([torch.zeros_like(angle[..., :1, :]), (sign * turned).cumsum(-2)], -2)
+    # what had been added up before the last new start does not count
+    frame = torch.arange(anew.shape[-2], device=axis.device)[:, None].expand(anew.shape)
+    started = torch.where(anew, frame, 0).cummax(-2).values
+    turns = sign * (total[..., 1:, :] - total.gather(-2, started))
+    return torch.cat([torch.zeros_like(angle[..., :1, :]), turns], -2)
