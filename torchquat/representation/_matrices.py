@@ -12,9 +12,6 @@ from torchquat._eager import derivatives
 
 __all__ = ["columns_to_quaternion", "from_quaternion", "to_quaternion"]
 
-REFINEMENTS = 2
-"""Newton steps that carry derivatives: one makes the first exact, two the second as well."""
-
 
 def from_quaternion(q: Tensor) -> Tensor:
     """Rotation matrices ``(..., 3, 3)`` of unit quaternions ``(..., 4)``."""
@@ -32,8 +29,10 @@ def to_quaternion(m: Tensor) -> Tensor:
 
     It maximises :math:`\operatorname{tr}(R^T M) = q^T K q` (Horn 1987): the eigenvector of ``K``
     with the largest eigenvalue. Derivatives of an eigenvector are infinite where *other*
-    eigenvalues meet, as they do for every rotation; here they come from Newton steps at the
-    solution, and stay finite where the nearest rotation is not unique.
+    eigenvalues meet, as they do for every rotation; here they come from a Newton step at the
+    solution, and stay finite where the nearest rotation is not unique. One step makes the first
+    and the second exact: it converges cubically, as ``tr(exp(v)^T S)`` has no cubic term where
+    ``S`` is symmetric, which it is at the solution.
 
     Args:
         m: Finite matrices ``(..., 3, 3)``, not 0.
@@ -45,10 +44,10 @@ def to_quaternion(m: Tensor) -> Tensor:
     _, vectors = torch.linalg.eigh(_horn(m.detach()))
     q = vectors[..., -1]
     q = q * _planes.sign_of(q[..., 3:])
-    for _ in range(REFINEMENTS if derivatives(m) else 0):
-        step = _newton_step(from_quaternion(q).mT @ m)
-        q = so3.turn(q, step - step.detach())  # of no length: q is the solution already
-    return q
+    if not derivatives(m):
+        return q
+    step = _newton_step(from_quaternion(q).mT @ m)
+    return so3.turn(q, step - step.detach())  # of no length: q is the solution already
 
 
 def columns_to_quaternion(first: Tensor, second: Tensor) -> Tensor:
