@@ -125,6 +125,16 @@ def test_no_rotation_after_full_turns_keeps_the_axis():
     assert torch.allclose(result[:, 0, 0], angle) and (result[:, 0, 1:] == 0).all()
 
 
+def test_missing_frames_are_passed_over_and_stay_missing():
+    v = torch.zeros(6, 1, 3, dtype=torch.float64)
+    v[:, 0, 0] = torch.tensor([2.9, 3.3, 3.7, 4.1, 4.5, 4.9])
+    q = convert(v, "rotvec", "quat_xyzw")
+    q[1:4] = torch.nan
+    result = continuous_rotvec(q)
+    assert result[1:4].isnan().all()
+    assert torch.allclose(result[[0, 4, 5]], v[[0, 4, 5]])
+
+
 def test_another_axis_starts_anew():
     v = torch.tensor([[3.0, 0, 0], [4.0, 0, 0], [5.0, 0, 0], [0, 1.0, 0], [0, 1.2, 0], [0, 4.0, 0]])
     q = convert(v.double(), "rotvec", "quat_xyzw")

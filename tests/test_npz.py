@@ -216,6 +216,15 @@ def test_E9_nan_poses_are_missing_frames(path):
     assert not valid[2, 1] and int((~valid).sum()) == 1
 
 
+def test_E9_missing_frames_are_written_as_missing_not_as_the_identity(path, tmp_path):
+    poses = amass(72)["poses"]
+    poses[2, 4] = np.nan
+    np.savez(path, **amass(72, poses=poses))
+    io.save(turned(io.load(path)), tmp_path / "out.npz")
+    with np.load(tmp_path / "out.npz") as file:
+        assert np.isnan(file["poses"][2, 3:6]).all() and np.isnan(file["poses"]).sum() == 3
+
+
 def test_E10_rotation_vectors_stay_on_their_branch(path, tmp_path):
     """A turn about one axis, three times round: no jump by 2 pi, the first frame as it was."""
     angle = np.linspace(4.0, 22.0, 90)

@@ -7,12 +7,12 @@ from typing import Protocol
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from torchquat import so3
 from torchquat.io._zip import Anything, Archive, pack
 from torchquat.io.motion import FormatError, Motion
+from torchquat.representation import continuous_rotvec
 from torchquat.skeleton import Skeleton
 
 __all__ = ["NpzSource", "new_npz", "read_npz"]
@@ -146,7 +146,8 @@ class _Amass:
             return {}
         stored = self.stored.astype(np.float64).reshape(frames, -1, 3)
         kept = (motion.q == before).all(-1).all(0)[:, None].numpy()
-        solved = _nearest_rotvec(so3.log(so3.normalize(motion.q)).numpy(), stored[0])
+        q = torch.where(so3.usable(motion.q)[..., None], so3.normalize(motion.q), torch.nan)
+        solved = continuous_rotvec(q, torch.from_numpy(stored[0])).numpy()
         poses = np.where(kept, stored, solved).reshape(frames, width)
         arrays: dict[str, Anything] = {"poses": poses.astype(self.stored.dtype)}
         for key, (start, stop) in self.parts.items():
@@ -271,22 +272,3 @@ def _number(archive: Archive, key: str) -> float:
     if not 0 < number < float("inf"):
         raise FormatError(f"{archive.path}: {key}: expected frames per second, got {array}")
     return number
-
-
-def _nearest_rotvec(rotvec: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation vectors ``(T, J, 3)`` on the branch nearest to the frame before.
-
-    A rotation vector is free up to full turns about its own axis; the first frame takes the branch
-    nearest to ``start``.
-    """
-    angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
-    axis = rotvec / np.where(angle > 0, angle, 1.0)
-    nearest = np.empty_like(rotvec)
-    before = start
-    for frame in range(len(rotvec)):
-        # the identity has no axis: after full turns it keeps the one of the frame before
-        length = np.linalg.norm(before, axis=-1, keepdims=True)
-        about = np.where(angle[frame] > 0, axis[frame], before / np.where(length > 0, length, 1.0))
-        turns = np.round(((about * before).sum(-1, keepdims=True) - angle[frame]) / (2 * np.pi))
-        nearest[frame] = before = (angle[frame] + 2 * np.pi * turns) * about
-    return nearest

@@ -19,10 +19,10 @@ def continuous_rotvec(q: Tensor, start: Tensor | None = None) -> Tensor:
     Those of a smooth path are smooth, through half turns and full turns too. Beyond a half turn no
     branch is continuous where the axis turns by more than 60 degrees between two frames: the
     branch nearest to zero is taken up again there. Frames without a direction keep the axis of the
-    frame before.
+    frame before; missing ones are passed over.
 
     Args:
-        q: Unit quaternions ``(..., T, J, 4)``.
+        q: Unit quaternions ``(..., T, J, 4)``; NaN where missing, and so is the result.
         start: Rotation vectors ``(..., J, 3)`` [rad] that the first frame should be near to; rows
             that are not finite, or 0, ask for an angle of at most pi.
 
@@ -31,30 +31,37 @@ def continuous_rotvec(q: Tensor, start: Tensor | None = None) -> Tensor:
     """
     short = so3.log(q)
     square = short.square().sum(-1)
-    turning = square.detach() > torch.finfo(q.dtype).tiny
+    known = torch.isfinite(square.detach())
+    turning = known & (square.detach() > torch.finfo(q.dtype).tiny)
     angle = torch.where(turning, torch.where(turning, square, 1.0).sqrt(), 0.0)
 
     with torch.no_grad():
         before = torch.zeros_like(short[..., :1, :, :]) if start is None else start[..., None, :, :]
         before = torch.where(torch.isfinite(before).all(-1, keepdim=True), before, 0.0)
-        axis, length = _axes(short.detach(), angle.detach(), turning, before.detach())
+        path = torch.cat([before.detach(), torch.where(known[..., None], short.detach(), 0.0)], -3)
+        axis, length = _axes(path, known)
         turns = _full_turns(axis, length)[..., 1:, :]
         axis = axis[..., 1:, :, :]
     stretch = 1.0 + FULL_TURN * turns / torch.where(turning, angle, 1.0)
     standing = FULL_TURN * turns[..., None] * axis
-    return torch.where(turning[..., None], short * stretch[..., None], standing)
+    moving = torch.where(turning[..., None], short * stretch[..., None], standing)
+    return torch.where(known[..., None], moving, torch.nan)
 
 
-def _axes(short: Tensor, angle: Tensor, turning: Tensor, before: Tensor) -> tuple[Tensor, Tensor]:
-    """Unit axes and angles of a frame before the first and of all frames, axes held at rest."""
-    length = before.norm(dim=-1)
-    vectors = torch.cat([before, short], -3)
-    lengths = torch.cat([length, angle], -2)
-    moving = torch.cat([length > 0, turning], -2)
-    frame = torch.arange(vectors.shape[-3], device=short.device)[:, None].expand(moving.shape)
-    held = torch.where(moving, frame, 0).cummax(-2).values[..., None].expand(vectors.shape)
-    unit = vectors / torch.where(moving, lengths, 1.0)[..., None]
-    return unit.gather(-3, held), lengths
+def _axes(path: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
+    """Unit axes and angles of vectors ``(..., 1 + T, J, 3)``, held where there is none of them."""
+    angle = path.norm(dim=-1)
+    moving = angle * angle > torch.finfo(path.dtype).tiny
+    seen = torch.cat([torch.ones_like(known[..., :1, :]), known], -2)
+    unit = path / torch.where(moving, angle, 1.0)[..., None]
+    axis = unit.gather(-3, _last(moving)[..., None].expand(path.shape))
+    return axis, angle.gather(-2, _last(seen))
+
+
+def _last(there: Tensor) -> Tensor:
+    """Index of the last frame, up to each ``(..., T, J)``, that is there; 0 where none is."""
+    frame = torch.arange(there.shape[-2], device=there.device)[:, None].expand(there.shape)
+    return torch.where(there, frame, 0).cummax(-2).values
 
 
 def _full_turns(axis: Tensor, angle: Tensor) -> Tensor:
@@ -69,7 +76,5 @@ def _full_turns(axis: Tensor, angle: Tensor) -> Tensor:
     sign = torch.where(anew | (cosine > 0), 1.0, -1.0).to(angle.dtype).cumprod(-2)
     total = torch.cat([torch.zeros_like(angle[..., :1, :]), (sign * turned).cumsum(-2)], -2)
     # what had been added up before the last new start does not count
-    frame = torch.arange(anew.shape[-2], device=axis.device)[:, None].expand(anew.shape)
-    started = torch.where(anew, frame, 0).cummax(-2).values
-    turns = sign * (total[..., 1:, :] - total.gather(-2, started))
+    turns = sign * (total[..., 1:, :] - total.gather(-2, _last(anew)))
     return torch.cat([torch.zeros_like(angle[..., :1, :]), turns], -2)
