@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from torchquat.io.motion import FormatError
 
-__all__ = ["Archive", "pack"]
+__all__ = ["OPAQUE", "Archive", "pack"]
 
 MAX_BYTES = 4 * 2**30
 """Largest unpacked size that is read; raise it for larger archives."""
 
 # AMASS SMPL-X files hold a dictionary here. It is carried along as bytes, and never unpickled.
-_OPAQUE = frozenset({"markers_latent_vids"})
+OPAQUE = frozenset({"markers_latent_vids"})
 
 Anything = NDArray[np.generic]
 
@@ -72,7 +72,7 @@ class Archive:
             raise FormatError(f"{self.path}: {info.filename}: no array: {error}") from None
         key = info.filename.removesuffix(".npy")
         if dtype.hasobject:
-            if key in _OPAQUE:
+            if key in OPAQUE:
                 return
             raise FormatError(
                 f"{self.path}: {key}: expected a plain array, got Python objects: "

@@ -1,24 +1,38 @@
 """Load and save by file name."""
 
 import os
-import tempfile
 from pathlib import Path
 
+from torchquat.io._writing import write_whole
 from torchquat.io.bvh import BvhSource, new_bvh, read_bvh
+from torchquat.io.estimate import TrackSource
+from torchquat.io.estimators import load_estimate
 from torchquat.io.motion import FormatError, Motion
 from torchquat.io.npz import NpzSource, new_npz, read_npz
 
 __all__ = ["FORMATS", "load", "save"]
 
 FORMATS = (".bvh", ".npz")
+ESTIMATES = (".pt", ".pkl")
 
 
-def load(path: str | os.PathLike[str], *, lenient: bool = False) -> Motion:
+def load(
+    path: str | os.PathLike[str],
+    *,
+    lenient: bool = False,
+    track: str | None = None,
+    frame_rate: float | None = None,
+    trust_pickle: bool = False,
+) -> Motion:
     """Read a motion file.
 
     Args:
-        path: A BVH file, an AMASS or SMPL ``.npz``, or a plain ``.npz`` of :func:`save`.
+        path: A BVH file, an AMASS or SMPL ``.npz``, a plain ``.npz`` of :func:`save`, or an
+            estimator's ``.pt`` or ``.pkl``, see :func:`load_estimate`, which reads all its tracks.
         lenient: Accept a BVH file whose ``Frames:`` does not match its rows, with a warning.
+        track: Of an estimator's file, which track; needed where it has more than one.
+        frame_rate: Of an estimator's file, frames per second, which it does not hold.
+        trust_pickle: Of an estimator's file, whether a pickle may be run.
 
     Returns:
         The rotations, and what :func:`save` needs to write everything else back as it was.
@@ -29,6 +43,9 @@ def load(path: str | os.PathLike[str], *, lenient: bool = False) -> Motion:
         OSError: If the file cannot be read.
     """
     path = Path(path)
+    if path.suffix.lower() in ESTIMATES:
+        estimate = load_estimate(path, frame_rate=frame_rate, trust_pickle=trust_pickle)
+        return estimate.motion(track)
     if _format(path) == ".bvh":
         return read_bvh(path, lenient=lenient)
     return read_npz(path)
@@ -39,7 +56,8 @@ def save(motion: Motion, path: str | os.PathLike[str]) -> None:
 
     In its own format everything but the rotations comes back as it was read, and the rotations of
     joints that did not change do too. In another, the file is new: BVH needs a skeleton and
-    complete rotations; ``.npz`` is plain. The file appears under its name only when it is complete.
+    complete rotations; ``.npz`` is plain. An estimator's file is written whole, with this track
+    in it; there is no new one. The file appears under its name only when it is complete.
 
     Args:
         motion: What to write.
@@ -50,9 +68,14 @@ def save(motion: Motion, path: str | os.PathLike[str]) -> None:
         OSError: If the file cannot be written.
     """
     path = Path(path)
+    if isinstance(motion.source, TrackSource) and path.suffix == motion.source.suffix:
+        write_whole(path, motion.source.render(motion))
+        return
+    if path.suffix.lower() in ESTIMATES:
+        raise ValueError(f"{path}: only a motion of such a file can be written to one.")
     kind, new = (BvhSource, new_bvh) if _format(path) == ".bvh" else (NpzSource, new_npz)
     source = motion.source
-    _write(path, source.render(motion) if isinstance(source, kind) else new(motion))
+    write_whole(path, source.render(motion) if isinstance(source, kind) else new(motion))
 
 
 def _format(path: Path) -> str:
@@ -60,25 +83,3 @@ def _format(path: Path) -> str:
     if suffix not in FORMATS:
         raise FormatError(f"{path}: expected a name that ends in {' or '.join(FORMATS)}")
     return suffix
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write to a temporary file beside ``path``, then rename: no reader sees half a file."""
-    target = path.resolve()
-    handle, name = tempfile.mkstemp(prefix=".torchquat-", suffix=".tmp", dir=target.parent)
-    temporary = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        if target.exists():
-            temporary.chmod(target.stat().st_mode & 0o777)
-        else:
-            mask = os.umask(0)
-            os.umask(mask)
-            temporary.chmod(0o666 & ~mask)
-        temporary.replace(target)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise

@@ -23,7 +23,7 @@ ORDERS = {"xyzw": [0, 1, 2, 3], "wxyz": [3, 0, 1, 2]}
 FRAME_RATES = ("mocap_framerate", "mocap_frame_rate")
 
 # where SMPL-H (52 joints) and SMPL-X (55) files keep parts of `poses` a second time
-_PARTS = {
+PARTS = {
     156: {"root_orient": (0, 3), "pose_body": (3, 66), "pose_hand": (66, 156)},
     165: {
         "root_orient": (0, 3),
@@ -90,7 +90,8 @@ def read_npz(path: Path) -> Motion:
         return _read_plain(archive)
     if "poses" in archive.keys:
         return _read_amass(archive)
-    raise FormatError(f"{path}: expected the key 'poses' or 'q', got {archive.keys}")
+    hint = ": use io.load_estimate" if "body_pose" in archive.keys else ""
+    raise FormatError(f"{path}: expected the key 'poses' or 'q', got {archive.keys}{hint}")
 
 
 def new_npz(motion: Motion) -> bytes:
@@ -218,7 +219,7 @@ def _read_amass(archive: Archive) -> Motion:
         raise FormatError(
             f"{archive.path}: expected {' or '.join(FRAME_RATES)}, got {archive.keys}"
         )
-    parts = {key: span for key, span in _PARTS.get(width, {}).items() if key in archive.keys}
+    parts = {key: span for key, span in PARTS.get(width, {}).items() if key in archive.keys}
     dtypes = {key: _check_part(archive, key, stored[:, slice(*parts[key])]) for key in parts}
 
     q = so3.exp(torch.from_numpy(stored.astype(np.float64)).reshape(frames, width // 3, 3))
