@@ -197,6 +197,19 @@ def test_only_rotations_change_and_they_come_back(case):
         assert_same_rotation(track.q[seen], estimate.tracks[name].q[seen], 2e-6)
 
 
+def test_rotations_without_a_direction_leave_what_is_stored(case):
+    path, _ = case
+    estimate = turned(load(path))
+    broken = {name: track.q.clone() for name, track in estimate.tracks.items()}
+    for q in broken.values():
+        q[0], q[1] = 0.0, torch.nan
+    io.save_estimate(estimate.with_rotations(broken), path.with_stem("out"))
+    before, again = load(path), load(path.with_stem("out"))
+    for name, track in again.tracks.items():
+        assert_same_rotation(track.q[:2], before.tracks[name].q[:2], 2e-6)
+        assert_same_rotation(track.q[2], estimate.tracks[name].q[2], 2e-6)
+
+
 def test_translations_change_on_request_only(case):
     path, tree = case
 
@@ -423,6 +436,11 @@ GLOBAL = "smpl_params_global"
             "a.npz",
             lambda: {"x": np.zeros(3)},
             r"expected the key 'poses', or .*got the keys \['x'\]",
+        ),
+        (
+            "a.npz",
+            lambda: made.amass() | {"pose_jaw": np.ones((made.FRAMES, 3))},
+            "pose_jaw: expected what 'poses' holds, got other values",
         ),
         ("a.npz", lambda: {"poses": np.zeros((5, 71))}, "poses: expected a width of 3 J, got 71"),
         ("a.npz", lambda: made.smpl() | {"fps": np.array(0)}, "fps: expected frames per second"),

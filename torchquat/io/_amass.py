@@ -48,6 +48,8 @@ def _poses(path: Path, tree: Mapping[str, Any]) -> tuple[Layout, Track]:
 
     def part(key: str, start: int, stop: int) -> Part:
         numbers = leaf(path, key, tree[key], (frames, stop - start))
+        if not np.allclose(numbers, poses[:, start:stop], atol=1e-5, equal_nan=True):
+            raise FormatError(f"{path}: {key}: expected what 'poses' holds, got other values")
         place = Place((key,), np.arange(frames))
         return Part("rotvec", slice(start // 3, stop // 3), [place], numbers.reshape(frames, -1, 3))
 

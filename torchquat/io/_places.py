@@ -71,11 +71,11 @@ class Part:
         now, before = now[:, self.joints], before[:, self.joints]
         frames = torch.from_numpy(self.frames)
         same = (now == before) | (now.isnan() & before.isnan())
-        moved = torch.isfinite(now).all(-1) & ~same[frames].all(-1).all(0)
+        changed = ~same[frames].all(-1).all(0)
         solved = self._solved(now)[frames].numpy()
-        width = solved.ndim - 2
-        chosen = moved[frames].numpy().reshape(*moved[frames].shape, *([1] * width))
-        numbers = np.where(chosen, solved, self.stored)
+        entries = tuple(range(2, solved.ndim))
+        written = np.isfinite(solved).all(entries) & changed.numpy()
+        numbers = np.where(np.expand_dims(written, entries), solved, self.stored)
         stops = np.cumsum([len(place.frames) for place in self.places])
         pieces = np.split(numbers, stops[:-1])
         return {place.path: piece for place, piece in zip(self.places, pieces, strict=True)}
@@ -84,7 +84,6 @@ class Part:
         if self.kind == "position":
             return now
         if self.kind == "rotvec":
-            unit = convert(convert(now, "quat_xyzw", "rotvec"), "rotvec", "quat_xyzw")
             start = torch.from_numpy(self.stored[0]) if len(self.stored) else None
-            return continuous_rotvec(unit, start)
+            return continuous_rotvec(now, start)
         return convert(now, "quat_xyzw", self.kind)

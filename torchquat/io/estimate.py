@@ -211,7 +211,7 @@ class TrackSource:
     @property
     def suffix(self) -> str:
         """Ending of the name of such files."""
-        return self.estimate.source.path.suffix
+        return self.estimate.source.path.suffix.lower()
 
     def render(self, motion: Motion) -> bytes:
         """The whole file with the rotations of ``motion`` in this track."""

@@ -65,8 +65,9 @@ def load_estimate(
         producer, found = _find_pickled(path, file.tree)
     elif suffix == ".npz":
         file = NpzFile(Archive(path))
-        producer, found = "SMPL", _amass.find(path, file.tree)
-        frame_rate = frame_rate or _amass.frame_rate(path, file.tree)
+        tree = file.tree
+        producer, found = "SMPL", _amass.find(path, tree)
+        frame_rate = frame_rate or _amass.frame_rate(path, tree)
     else:
         raise FormatError(f"{path}: expected a name that ends in {', '.join(ESTIMATES)}")
     tracks = {name: track for name, (_, track) in found.items()}

@@ -68,7 +68,7 @@ def save(motion: Motion, path: str | os.PathLike[str]) -> None:
         OSError: If the file cannot be written.
     """
     path = Path(path)
-    if isinstance(motion.source, TrackSource) and path.suffix == motion.source.suffix:
+    if isinstance(motion.source, TrackSource) and path.suffix.lower() == motion.source.suffix:
         write_whole(path, motion.source.render(motion))
         return
     if path.suffix.lower() in ESTIMATES:

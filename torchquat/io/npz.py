@@ -147,8 +147,7 @@ class _Amass:
             return {}
         stored = self.stored.astype(np.float64).reshape(frames, -1, 3)
         kept = (motion.q == before).all(-1).all(0)[:, None].numpy()
-        q = torch.where(so3.usable(motion.q)[..., None], so3.normalize(motion.q), torch.nan)
-        solved = continuous_rotvec(q, torch.from_numpy(stored[0])).numpy()
+        solved = continuous_rotvec(motion.q, torch.from_numpy(stored[0])).numpy()
         poses = np.where(kept, stored, solved).reshape(frames, width)
         arrays: dict[str, Anything] = {"poses": poses.astype(self.stored.dtype)}
         for key, (start, stop) in self.parts.items():

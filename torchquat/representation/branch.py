@@ -22,24 +22,24 @@ def continuous_rotvec(q: Tensor, start: Tensor | None = None) -> Tensor:
     frame before; missing ones are passed over.
 
     Args:
-        q: Unit quaternions ``(..., T, J, 4)``; NaN where missing, and so is the result.
+        q: Quaternions ``(..., T, J, 4)`` of any norm; those without a direction are missing, and
+            come back as NaN.
         start: Rotation vectors ``(..., J, 3)`` [rad] that the first frame should be near to; rows
             that are not finite, or 0, ask for an angle of at most pi.
 
     Returns:
         Rotation vectors ``(..., T, J, 3)`` [rad] of any length.
     """
-    short = so3.log(q)
+    known = so3.usable(q)
+    short = so3.log(so3.normalize(q))
     square = short.square().sum(-1)
-    known = torch.isfinite(square.detach())
     turning = known & (square.detach() > torch.finfo(q.dtype).tiny)
     angle = torch.where(turning, torch.where(turning, square, 1.0).sqrt(), 0.0)
 
     with torch.no_grad():
         before = torch.zeros_like(short[..., :1, :, :]) if start is None else start[..., None, :, :]
         before = torch.where(torch.isfinite(before).all(-1, keepdim=True), before, 0.0)
-        path = torch.cat([before.detach(), torch.where(known[..., None], short.detach(), 0.0)], -3)
-        axis, length = _axes(path, known)
+        axis, length = _axes(torch.cat([before.detach(), short.detach()], -3), known)
         turns = _full_turns(axis, length)[..., 1:, :]
         axis = axis[..., 1:, :, :]
     stretch = 1.0 + FULL_TURN * turns / torch.where(turning, angle, 1.0)
@@ -51,8 +51,8 @@ def continuous_rotvec(q: Tensor, start: Tensor | None = None) -> Tensor:
 def _axes(path: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
     """Unit axes and angles of vectors ``(..., 1 + T, J, 3)``, held where there is none of them."""
     angle = path.norm(dim=-1)
-    moving = angle * angle > torch.finfo(path.dtype).tiny
     seen = torch.cat([torch.ones_like(known[..., :1, :]), known], -2)
+    moving = seen & (angle * angle > torch.finfo(path.dtype).tiny)
     unit = path / torch.where(moving, angle, 1.0)[..., None]
     axis = unit.gather(-3, _last(moving)[..., None].expand(path.shape))
     return axis, angle.gather(-2, _last(seen))
