@@ -453,6 +453,24 @@ def test_errors_say_what_was_found_and_expected(folder, name, tree, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("name", ["hmr4d_results.pt", "smpl.npz"])
+def test_spoilt_files_are_refused_in_one_line_or_read(folder, name):
+    whole = write(folder / name, made.gvhmr(3) if name.endswith(".pt") else made.smpl(3))
+    content, rng = whole.read_bytes(), np.random.default_rng(0)
+    refused = 0
+    for _ in range(300):
+        spoilt = bytearray(content)
+        for place in rng.integers(len(content), size=rng.choice([1, 3, 20])):
+            spoilt[place] = rng.integers(256)
+        (folder / name).write_bytes(bytes(spoilt[: rng.integers(1, 2 * len(content))]))
+        try:
+            io.load_estimate(folder / name)
+        except FormatError as error:
+            refused += 1
+            assert "\n" not in str(error)
+    assert refused > 100
+
+
 def test_a_pickle_of_something_else(folder, joblib):
     (folder / "a.pkl").write_bytes(b"not a pickle")
     with pytest.raises(FormatError, match=r"a.pkl: expected a joblib pickle, got"):

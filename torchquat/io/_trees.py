@@ -71,9 +71,7 @@ class TorchFile:
         with path.open("rb") as file:
             try:
                 return cls(torch.load(file, map_location="cpu", weights_only=True))
-            except OSError:
-                raise
-            except Exception as error:  # of a spoilt file, the reader's own errors are many
+            except Exception as error:  # spoilt files raise many kinds
                 reason = str(error).partition("\n")[0] or type(error).__name__
                 raise FormatError(
                     f"{path}: expected a file of torch.save that holds tensors and plain "

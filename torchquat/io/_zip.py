@@ -19,6 +19,16 @@ MAX_BYTES = 4 * 2**30
 # AMASS SMPL-X files hold a dictionary here. It is carried along as bytes, and never unpickled.
 OPAQUE = frozenset({"markers_latent_vids"})
 
+# an offset before the start of the file is an OSError, a spoilt name a UnicodeDecodeError
+_UNSOUND = (
+    zipfile.BadZipFile,
+    NotImplementedError,
+    EOFError,
+    zlib.error,
+    OSError,
+    UnicodeDecodeError,
+)
+
 Anything = NDArray[np.generic]
 
 
@@ -35,12 +45,13 @@ class Archive:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.entries: list[tuple[zipfile.ZipInfo, bytes]] = []
-        try:
-            with zipfile.ZipFile(path) as file:
-                self._check_names(file.infolist())
-                self.entries = [(info, file.read(info)) for info in file.infolist()]
-        except (zipfile.BadZipFile, NotImplementedError, EOFError, zlib.error) as error:
-            raise FormatError(f"{path}: expected an npz archive, got {error}") from None
+        with path.open("rb") as stream:
+            try:
+                with zipfile.ZipFile(stream) as file:
+                    self._check_names(file.infolist())
+                    self.entries = [(info, file.read(info)) for info in file.infolist()]
+            except _UNSOUND as error:
+                raise FormatError(f"{path}: expected an npz archive, got {error}") from None
         for info, content in self.entries:
             self._check_header(info, content)
 

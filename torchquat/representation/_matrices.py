@@ -71,7 +71,18 @@ def columns_to_quaternion(first: Tensor, second: Tensor) -> Tensor:
     b = _unit(torch.where(parallel, _perpendicular(a), b))
     # rounding of nearly parallel columns is as large as what is left of them
     b = _unit(b - (a * b).sum(-1, keepdim=True) * a)
-    return to_quaternion(torch.stack([a, b, torch.linalg.cross(a, b)], -1))
+    return _of_rotation(torch.stack([a, b, torch.linalg.cross(a, b)], -1))
+
+
+def _of_rotation(r: Tensor) -> Tensor:
+    """Unit quaternion, ``w >= 0``, of matrices that are rotations: a row of ``4 q q^T = K + 1``."""
+    eye = torch.eye(4, dtype=r.dtype, device=r.device)
+    square = _horn(r) + eye
+    largest = square.detach().diagonal(dim1=-2, dim2=-1).argmax(-1)
+    index = largest[..., None, None].expand(*largest.shape, 1, 4)
+    q = square.gather(-2, index)[..., 0, :]
+    q = q * q.square().sum(-1, keepdim=True).rsqrt()
+    return q * _planes.sign_of(q[..., 3:])
 
 
 def _unit(v: Tensor) -> Tensor:

@@ -52,7 +52,7 @@ def _axes(path: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
     """Unit axes and angles of vectors ``(..., 1 + T, J, 3)``, held where there is none of them."""
     angle = path.norm(dim=-1)
     seen = torch.cat([torch.ones_like(known[..., :1, :]), known], -2)
-    moving = seen & (angle * angle > torch.finfo(path.dtype).tiny)
+    moving = angle * angle > torch.finfo(path.dtype).tiny
     unit = path / torch.where(moving, angle, 1.0)[..., None]
     axis = unit.gather(-3, _last(moving)[..., None].expand(path.shape))
     return axis, angle.gather(-2, _last(seen))
