@@ -1,6 +1,7 @@
 """Fixtures of all tests."""
 
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 import torch
@@ -26,3 +27,16 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip("../shared/data is absent")
     return SHARED_DATA
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder that is the working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def joblib() -> ModuleType:
+    """The module, for tests that need it."""
+    return pytest.importorskip("joblib", reason="joblib is not installed (extra: estimators)")
