@@ -7,7 +7,11 @@ from typing import NamedTuple
 
 from torchquat.io.files import FORMATS
 
-__all__ = ["Task", "plan"]
+__all__ = ["ESTIMATORS", "Task", "plan"]
+
+PICKLES = (".pkl",)
+ESTIMATORS = (".pt", *PICKLES)
+READ = (*FORMATS, *ESTIMATORS)
 
 
 class Task(NamedTuple):
@@ -17,12 +21,13 @@ class Task(NamedTuple):
     target: Path
 
 
-def plan(inputs: Sequence[str], output: Path) -> list[Task]:
+def plan(inputs: Sequence[str], output: Path, *, pickles: bool = False) -> list[Task]:
     """Find all inputs and give each an output.
 
     Args:
         inputs: Files, folders (searched through) or globs.
         output: A file for one input file, else a folder that mirrors the inputs.
+        pickles: Whether folders and globs are searched for pickles, too.
 
     Raises:
         ValueError: If an input is missing or holds no motion file, or two have one output.
@@ -31,15 +36,16 @@ def plan(inputs: Sequence[str], output: Path) -> list[Task]:
         if not Path(text).exists() and not glob.has_magic(text):
             raise ValueError(f"{text}: no such file or folder")
     one_file = len(inputs) == 1 and Path(inputs[0]).is_file() and not output.is_dir()
-    if one_file and output.suffix.lower() in FORMATS:
+    if one_file and output.suffix.lower() in READ:
         return [Task(Path(inputs[0]), output)]
     if output.exists() and not output.is_dir():
         raise ValueError(f"{output}: expected a folder for {', '.join(inputs)}, got a file")
     tasks: dict[Path, Task] = {}
     for text in inputs:
-        found = list(_find(text, output))
+        endings = READ if pickles else (*FORMATS, ".pt")
+        found = list(_find(text, output, endings))
         if not found:
-            raise ValueError(f"{text}: expected files in {' or '.join(FORMATS)}, got none")
+            raise ValueError(f"{text}: expected files in {' or '.join(endings)}, got none")
         for source, place in found:
             task = Task(source, output / place)
             twin = tasks.setdefault(_key(task.target), task)
@@ -48,25 +54,25 @@ def plan(inputs: Sequence[str], output: Path) -> list[Task]:
     return list(tasks.values())
 
 
-def _find(text: str, output: Path) -> Iterator[tuple[Path, Path]]:
+def _find(text: str, output: Path, endings: Sequence[str]) -> Iterator[tuple[Path, Path]]:
     """Files of one input, and their places below the output folder."""
     path = Path(text)
     if path.is_dir():
         for source in sorted(path.rglob("*")):
             # results of an earlier run inside the input folder are no inputs
-            if _is_motion(source) and not source.is_relative_to(output):
+            if _ends_in(source, endings) and not source.is_relative_to(output):
                 yield source, source.relative_to(path)
     elif path.is_file():
         yield path, Path(path.name)
     else:
         base = _fixed_part(path)
         for source in sorted(base.glob(str(path.relative_to(base)))):
-            if _is_motion(source):
+            if _ends_in(source, endings):
                 yield source, source.relative_to(base)
 
 
-def _is_motion(path: Path) -> bool:
-    return path.suffix.lower() in FORMATS and path.is_file()
+def _ends_in(path: Path, endings: Sequence[str]) -> bool:
+    return path.suffix.lower() in endings and path.is_file()
 
 
 def _fixed_part(pattern: Path) -> Path:

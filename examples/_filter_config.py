@@ -165,11 +165,11 @@ def _mapping(path: Path, name: str, content: Any, keys: tuple[str, ...]) -> dict
 
 
 def filter_names() -> list[str]:
-    """Names of all filters in the package: modules that take rotations and their weight."""
+    """Names of all filters in the package: modules that take quaternions and their weight."""
     return [name for name in torchquat.__all__ if _is_filter(getattr(torchquat, name))]
 
 
 def _is_filter(candidate: object) -> bool:
     if not (isinstance(candidate, type) and issubclass(candidate, nn.Module)):
         return False
-    return "weight" in inspect.signature(candidate.forward).parameters
+    return list(inspect.signature(candidate.forward).parameters)[1:] == ["q", "weight"]

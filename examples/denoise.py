@@ -1,12 +1,16 @@
 """Denoise motion files with a filter from a config.
 
 python examples/denoise.py INPUT [INPUT ...] --output OUT [--config configs/auto.yaml]
-       [--filter.init_args.strength 0.8] [--workers N] [--overwrite]
+       [--filter.init_args.strength 0.8] [--workers N] [--overwrite] [--frame_rate 30]
+       [--trust_pickle true]
 
-INPUT is a file (BVH, AMASS or SMPL npz, plain npz), a folder or a glob; OUT is a file for one
-input, else a folder that mirrors the inputs. All but the rotations comes back as it was read.
+INPUT is a file (BVH; AMASS, SMPL or plain npz; GVHMR's pt, or pkl of WHAM, PHALP and 4D-Humans), a
+folder or a glob; OUT is a file for one input, else a folder that mirrors the inputs. All but the
+rotations comes back as it was read. Pickles are read with --trust_pickle true only: reading one
+runs what its author put into it.
 """
 
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -17,88 +21,25 @@ from typing import Any
 import jsonargparse
 import torch
 from _batch import Task, plan
-from _command import one_line, run
-from _filter_config import FilterConfig, read_config
+from _cleaning import Options, process
+from _command import run
+from _filter_config import read_config
 from tqdm import tqdm
-
-from torchquat import fill_missing, io, metrics
-from torchquat.io import Motion
 
 DEFAULT_CONFIG = Path(__file__).parents[1] / "configs" / "auto.yaml"
 
 
-def denoise(motion: Motion, config: FilterConfig) -> Motion:
-    """Filter all rotations; missing frames come back filled.
-
-    Args:
-        motion: Rotations with a frame rate, which times in the config are converted with.
-        config: Which filter.
-
-    Returns:
-        The motion with other rotations. Joints that never move keep theirs to the last bit.
-    """
-    with torch.inference_mode():
-        filtered = config.build(motion.frame_rate)(motion.q, motion.weight)
-    still = (motion.q == motion.q[:1]).all(-1).all(0)
-    if motion.weight is not None:
-        still &= motion.valid.all(0)
-    return motion.with_rotations(torch.where(still[:, None], motion.q, filtered))
-
-
-def summary(before: Motion, after: Motion) -> str:
-    """One line: frames, what was missing, jitter before and after, peak speed kept."""
-    valid = before.valid
-    gaps = int((~valid).sum())
-    filled = fill_missing(before.q, before.weight)
-    jitter = [float(metrics.jitter(q, frame_rate=before.frame_rate)) for q in (filled, after.q)]
-    parts = [f"{len(before.q)} frames"]
-    if gaps:
-        empty = int((~valid).all(-1).sum())
-        parts.append(
-            f"{gaps} of {valid.numel()} joint samples missing ({empty} whole frames), filled"
-        )
-    change = f" ({jitter[1] / jitter[0] - 1:+.0%})" if jitter[0] > 0 else ""
-    parts.append(f"jitter {jitter[0]:,.0f} -> {jitter[1]:,.0f} rad/s^3{change}")
-    parts.append(f"peak speed kept {float(metrics.peak_speed_kept(after.q, filled)):.0%}")
-    return ", ".join(parts)
-
-
-def process(task: Task, config: FilterConfig, overwrite: bool) -> tuple[bool, str]:
-    """Read, filter and write one file.
-
-    Returns:
-        Whether it was done, and a line that says what was done or what was wrong.
-    """
-    try:
-        if task.target.exists() and not overwrite:
-            raise ValueError(f"{task.target}: exists; --overwrite replaces it")
-        before = io.load(task.source)
-        after = denoise(before, config)
-        line = summary(before, after)
-        task.target.parent.mkdir(parents=True, exist_ok=True)
-        io.save(after, task.target)
-    except (ValueError, OSError) as error:
-        text = one_line(error)
-    except Exception as error:  # a batch goes on, whatever one file does
-        text = f"{type(error).__name__}: {one_line(error)}"
-    else:
-        return True, f"{task.source} -> {task.target}: {line}"
-    return False, text if str(task.source) in text else f"{task.source}: {text}"
-
-
-def _results(
-    tasks: Sequence[Task], config: FilterConfig, overwrite: bool, workers: int
-) -> Iterator[tuple[bool, str]]:
+def _results(tasks: Sequence[Task], options: Options, workers: int) -> Iterator[tuple[bool, str]]:
     """What became of each file, as they are done."""
     if min(workers, len(tasks)) < 2:
         for task in tasks:
-            yield process(task, config, overwrite)
+            yield process(task, options)
         return
     # spawned, not forked: a forked copy of torch's thread pool may hang
     with ProcessPoolExecutor(
         min(workers, len(tasks)), get_context("spawn"), torch.set_num_threads, (1,)
     ) as pool:
-        futures = [pool.submit(process, task, config, overwrite) for task in tasks]
+        futures = [pool.submit(process, task, options) for task in tasks]
         for future in as_completed(futures):
             yield future.result()
 
@@ -108,9 +49,12 @@ def _denoise_all(arguments: jsonargparse.Namespace) -> int:
         raise ValueError(f"workers must be >= 1, got {arguments.workers}.")
     chosen = arguments.filter
     config = read_config(arguments.config, chosen.class_path, chosen.init_args)
-    tasks = plan(arguments.input, arguments.output)
+    if not 0 < arguments.frame_rate < math.inf:
+        raise ValueError(f"frame_rate must be finite and > 0, got {arguments.frame_rate}.")
+    options = Options(config, arguments.overwrite, arguments.frame_rate, arguments.trust_pickle)
+    tasks = plan(arguments.input, arguments.output, pickles=arguments.trust_pickle)
     failed = 0
-    results = _results(tasks, config, arguments.overwrite, arguments.workers)
+    results = _results(tasks, options, arguments.workers)
     for done, line in tqdm(results, total=len(tasks), unit="file", disable=None):
         tqdm.write(line if done else f"error: {line}", file=sys.stdout if done else sys.stderr)
         failed += not done
@@ -122,7 +66,8 @@ def _denoise_all(arguments: jsonargparse.Namespace) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Denoise files; returns the exit status: 1 if any failed."""
     parser = jsonargparse.ArgumentParser(
-        description="Denoise motion files (BVH, AMASS or SMPL npz, plain npz).", exit_on_error=False
+        description="Denoise motion files: BVH; AMASS, SMPL, plain npz; GVHMR pt; WHAM, PHALP pkl.",
+        exit_on_error=False,
     )
     parser.add_argument("input", nargs="+", help="files, folders or globs")
     parser.add_argument("--output", type=Path, required=True, help="a file, or a folder")
@@ -132,6 +77,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--filter.init_args", type=dict[str, Any], default={}, help="single arguments of the filter"
     )
     parser.add_argument("--workers", type=int, default=1, help="processes")
+    parser.add_argument(
+        "--frame_rate", type=float, default=30.0, help="of files that do not hold theirs"
+    )
+    parser.add_argument(
+        "--trust_pickle", type=bool, default=False, help="run pickles: those that you made only"
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace existing outputs")
     return run(parser, argv, _denoise_all)
 

@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import _cleaning
 import denoise
 import numpy as np
 import pytest
@@ -356,7 +357,7 @@ def test_a_surprise_is_one_line_and_the_batch_goes_on(folder, tmp_path, capsys, 
     def broken(motion, config):
         raise RuntimeError("first line\nsecond line")
 
-    monkeypatch.setattr(denoise, "denoise", broken)
+    monkeypatch.setattr(_cleaning, "denoise", broken)
     assert run(folder, "--output", tmp_path / "out") == 1
     err = capsys.readouterr().err
     assert err.count("RuntimeError: first line second line") == 2 and "3 of 3 files failed" in err

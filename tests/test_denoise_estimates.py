@@ -1,0 +1,69 @@
+"""One command cleans what a pose estimator put out."""
+
+import denoise
+import numpy as np
+import pytest
+import torch
+from make_estimates import gvhmr
+from make_estimates import main as write_all
+from motions import assert_same_rotation
+
+from torchquat import GaussianFilter, io
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "in").mkdir()
+    write_all(tmp_path / "in")
+    return tmp_path / "in"
+
+
+def run(*arguments):
+    return denoise.main([str(each) for each in arguments])
+
+
+def test_a_folder_of_all_producers(folder, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run(folder, "--output", out, "--trust_pickle", "true") == 0
+    assert sorted(each.name for each in out.iterdir()) == sorted(
+        each.name for each in folder.iterdir()
+    )
+    lines = capsys.readouterr().out
+    for producer in ("GVHMR", "WHAM", "PHALP", "SMPL"):
+        assert f": {producer}; " in lines
+    assert "0/pose_world: 9 frames, 72 of 216 joint samples missing (3 whole frames)" in lines
+
+
+def test_it_is_the_filter_of_the_config(folder, tmp_path, capsys):
+    name, out = "hmr4d_results.pt", tmp_path / "clean.pt"
+    config = ("--filter.class_path", "GaussianFilter", "--filter.init_args.sigma_t", "50ms")
+    assert run(folder / name, "--output", out, *config, "--frame_rate", "60") == 0
+    expected = io.load_estimate(folder / name).filtered(GaussianFilter(3.0))
+    found = io.load_estimate(out)
+    for track, each in expected.tracks.items():
+        assert_same_rotation(found.tracks[track].q, each.q, 1e-6)
+    assert list(torch.load(out, weights_only=True)) == list(gvhmr())
+    capsys.readouterr()
+
+
+def test_pickles_are_not_read_unless_told(folder, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run(folder, "--output", out) == 0, "folders are not searched for them"
+    assert not list(out.glob("*.pkl"))
+    assert run(folder / "wham_output.pkl", "--output", out / "clean.pkl") == 1
+    assert "expected trust_pickle=True, got False" in capsys.readouterr().err
+
+
+def test_D_a_wrong_key_is_one_line(tmp_path, capsys):
+    path = tmp_path / "in.npz"
+    np.savez(path, global_orient=np.zeros((4, 3)), body_pose=np.zeros((4, 7)))
+    assert run(path, "--output", tmp_path / "out.npz") == 1
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert "body_pose: expected floats (4, 63) or (4, 69), got float64 (4, 7)" in line
+
+
+@pytest.mark.parametrize("rate", ["0", ".inf", "-1"])
+def test_A23_a_frame_rate_is_positive(rate, folder, tmp_path, capsys):
+    assert run(folder, "--output", tmp_path, "--frame_rate", rate) == 1
+    assert "frame_rate must be finite and > 0" in capsys.readouterr().err
