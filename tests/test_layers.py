@@ -26,6 +26,7 @@ RANKS = {
     "torchquat.timeline": 6,
     "torchquat.noise": 6,
     "torchquat.skeleton": 6,
+    "torchquat.ragged": 6,
     "torchquat.representation": 6,
     "torchquat.metrics": 7,
     "torchquat.filters": 7,

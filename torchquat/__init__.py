@@ -53,6 +53,7 @@ from torchquat.filters import (
     stored_share,
 )
 from torchquat.missing import fill_missing, validity
+from torchquat.ragged import Ragged
 from torchquat.representation import RepresentationAdapter, continuous_rotvec, convert
 from torchquat.skeleton import Skeleton
 
@@ -82,6 +83,7 @@ __all__ = [
     "OutlierRepair",
     "PrincipalComponentFilter",
     "Pyramid",
+    "Ragged",
     "RepresentationAdapter",
     "SavitzkyGolayFilter",
     "Skeleton",
