@@ -30,8 +30,10 @@ RANKS = {
     "torchquat.representation": 6,
     "torchquat.metrics": 7,
     "torchquat.filters": 7,
+    "torchquat._online": 8,
     "torchquat.io": 8,
-    "torchquat": 9,
+    "torchquat.streaming": 9,
+    "torchquat": 10,
 }
 
 # What a module may import besides when it is asked for: the extra "estimators".

@@ -56,6 +56,7 @@ from torchquat.missing import fill_missing, validity
 from torchquat.ragged import Ragged
 from torchquat.representation import RepresentationAdapter, continuous_rotvec, convert
 from torchquat.skeleton import Skeleton
+from torchquat.streaming import Stream
 
 __all__ = [
     "AutoDenoiser",
@@ -88,6 +89,7 @@ __all__ = [
     "SavitzkyGolayFilter",
     "Skeleton",
     "SquadPredict",
+    "Stream",
     "bilateral_filter",
     "butterworth_filter",
     "compress",

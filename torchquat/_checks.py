@@ -6,7 +6,14 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-__all__ = ["check_choice", "check_count", "check_layout", "check_positive", "check_signal"]
+__all__ = [
+    "check_choice",
+    "check_count",
+    "check_frame",
+    "check_layout",
+    "check_positive",
+    "check_signal",
+]
 
 
 def check_layout(q: Tensor, name: str = "q") -> None:
@@ -29,14 +36,28 @@ def check_signal(q: Tensor, weight: Tensor | None) -> None:
         _check_weight(weight, q)
 
 
-def _check_weight(weight: Tensor, q: Tensor) -> None:
+def check_frame(frame: Tensor, weight: Tensor | None) -> None:
+    """Raise unless ``frame`` is a floating-point tensor ``(..., J, 4)``, and ``weight`` fits it."""
+    if not isinstance(frame, Tensor):
+        raise TypeError(f"frame must be a torch.Tensor, got {type(frame).__name__}.")
+    if not frame.is_floating_point():
+        raise TypeError(f"frame must be a floating-point tensor, got {frame.dtype}.")
+    if frame.dim() < 2 or frame.shape[-1] != 4:
+        raise ValueError(f"frame must have shape (..., J, 4), got {tuple(frame.shape)}.")
+    if weight is not None:
+        _check_weight(weight, frame, "frame", "(..., J)")
+
+
+def _check_weight(weight: Tensor, q: Tensor, name: str = "q", layout: str = "(..., T, J)") -> None:
     """Raise unless ``weight`` is a mask or confidence that broadcasts to ``q.shape[:-1]``."""
     if not isinstance(weight, Tensor):
         raise TypeError(f"weight must be a torch.Tensor, got {type(weight).__name__}.")
     if weight.dtype not in (torch.bool, q.dtype):
-        raise TypeError(f"weight must have dtype torch.bool or {q.dtype} as q, got {weight.dtype}.")
+        raise TypeError(
+            f"weight must have dtype torch.bool or {q.dtype} as {name}, got {weight.dtype}."
+        )
     if weight.device != q.device:
-        raise ValueError(f"weight must be on {q.device} as q, got {weight.device}.")
+        raise ValueError(f"weight must be on {q.device} as {name}, got {weight.device}.")
     target = q.shape[:-1]
     fits = weight.dim() <= len(target) and all(
         size in (1, wanted)
@@ -44,7 +65,7 @@ def _check_weight(weight: Tensor, q: Tensor) -> None:
     )
     if not fits:
         raise ValueError(
-            f"weight must broadcast to (..., T, J) = {tuple(target)}, got {tuple(weight.shape)}."
+            f"weight must broadcast to {layout} = {tuple(target)}, got {tuple(weight.shape)}."
         )
 
 

@@ -102,16 +102,15 @@ class Patches:
     ) -> tuple[Tensor, Tensor | None]:
         """Distances of pairs of patches and how much they have in common (``None``: all)."""
         if both is None:
-            total = box_sum(self._grouped(square), self.width).narrow(-2, 0, pairs)
-            return self._spread(total / (3.0 * self.width * self._sizes(total))), None
+            total = box_sum(self.grouped(square), self.width).narrow(-2, 0, pairs)
+            return self.spread(total / (3.0 * self.width * self.sizes(total))), None
         total, common = (
-            box_sum(self._grouped(x), self.width).narrow(-2, 0, pairs)
-            for x in (square * both, both)
+            box_sum(self.grouped(x), self.width).narrow(-2, 0, pairs) for x in (square * both, both)
         )
         distance = total / torch.where(common > 0, 3.0 * common, 1.0)
-        return self._spread(distance), self._spread(common)
+        return self.spread(distance), self.spread(common)
 
-    def _sizes(self, like: Tensor) -> float | Tensor:
+    def sizes(self, like: Tensor) -> float | Tensor:
         """Joints of every group."""
         if self.members is None:
             return 1.0
@@ -119,7 +118,7 @@ class Patches:
             return float(max(len(self.members[0]), 1))
         return like.new_tensor([len(joints) for joints in self.members])
 
-    def _grouped(self, x: Tensor) -> Tensor:
+    def grouped(self, x: Tensor) -> Tensor:
         """Sum over the joints of every group: ``(..., N, J)`` to ``(..., N, G)``."""
         if self.members is None:
             return x
@@ -127,7 +126,7 @@ class Patches:
             return x.sum(-1, keepdim=True)
         return torch.stack([x[..., joints].sum(-1) for joints in self.members], -1)
 
-    def _spread(self, x: Tensor) -> Tensor:
+    def spread(self, x: Tensor) -> Tensor:
         """Give every joint the value of its group: ``(..., N, G)`` to ``(..., N, J or 1)``."""
         if self.members is None or len(self.members) == 1:
             return x

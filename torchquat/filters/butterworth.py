@@ -80,16 +80,16 @@ class ButterworthFilter(nn.Module):
         self.order = order
         self.frame_rate = frame_rate
         self.boundary: Boundary = boundary
-        self._mask = zero_phase_mask(cutoff, order, frame_rate)
+        self.mask = zero_phase_mask(cutoff, order, frame_rate)
 
     @property
     def radius(self) -> int:
         """Half-width of the mask [frames]."""
-        return len(self._mask) // 2
+        return len(self.mask) // 2
 
     def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
         """Filter unit quaternions ``(..., T, J, 4)``."""
-        return linear_filter(q, weight, mask=self._mask, boundary=self.boundary)
+        return linear_filter(q, weight, mask=self.mask, boundary=self.boundary)
 
     def extra_repr(self) -> str:
         """Cut-off, order and boundary."""

@@ -232,11 +232,11 @@ def _wild(window: Window, median: Quaternion, radius: int, n_sigmas: float) -> T
             if known is None
             else known.detach().narrow(-2, place, window.frames)
         )
-    typical = _weighted_median(torch.stack(squares), torch.stack(trusts))
+    typical = weighted_median(torch.stack(squares), torch.stack(trusts))
     return squares[radius] > (n_sigmas * PER_AXIS) ** 2 * typical
 
 
-def _weighted_median(values: Tensor, weights: Tensor) -> Tensor:
+def weighted_median(values: Tensor, weights: Tensor) -> Tensor:
     """Lower median over the first axis: half of the weight lies at or below it."""
     ordered, order = values.sort(0)
     reached = weights.gather(0, order).cumsum(0)

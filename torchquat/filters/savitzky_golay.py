@@ -70,6 +70,11 @@ class SavitzkyGolayFilter(nn.Module):
         self.boundary: Ends = boundary
         self._rows = _fits(radius, order)
 
+    @property
+    def mask(self) -> list[float]:
+        """Coefficients ``m_{-k}, ..., m_k`` away from the ends."""
+        return self._rows[self.radius]
+
     def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
         """Filter unit quaternions ``(..., T, J, 4)``."""
         return _fitted(q, weight, self._rows, self.boundary)

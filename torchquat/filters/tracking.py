@@ -75,7 +75,7 @@ def kalman_smoother(
     unit, confidence = timeline.prepare(q, weight)
     if unit.shape[-3] == 0:
         return timeline.restore(unit, unit, q)
-    ratio = _ratio(process_noise, measurement_noise, unit)
+    ratio = noise_ratio(process_noise, measurement_noise, unit)
     trusts: Sequence[Entry] = [1.0] * unit.shape[-3]
     if confidence is not None:
         trusts = confidence.double().clamp(max=HEAVIEST).unbind(-2)
@@ -150,7 +150,7 @@ def _check_order(order: int) -> None:
         raise ValueError(f"order must be 2 or 3, got {order!r}.")
 
 
-def _ratio(process_noise: Bandwidth, measurement_noise: Bandwidth, like: Tensor) -> Entry:
+def noise_ratio(process_noise: Bandwidth, measurement_noise: Bandwidth, like: Tensor) -> Entry:
     """Variance of the process in units of the measurement's, in double precision."""
     process, measurement = (
         value.double() if isinstance(value, Tensor) else value
