@@ -89,13 +89,8 @@ class Stream:
 
     @state.setter
     def state(self, state: StreamState | None) -> None:
-        self._state = state
-        if state is None:
-            self._layout, self._ages = None, (0, 0)
-        else:
-            self._ages = (int(state.age.min()), int(state.age.max()))
-        if self._machine is not None:
-            self._machine.doubt()
+        self._machine = None
+        self._set(state)
 
     def push(self, frame: Tensor, weight: Tensor | None = None) -> Tensor | None:
         """Take a frame in, give a filtered one back.
@@ -113,8 +108,9 @@ class Stream:
             ValueError: If a shape or device does not fit, or is another than before.
         """
         check_frame(frame, weight)
-        with torch.no_grad():
-            return self._push(frame, weight)
+        with torch.inference_mode():
+            result = self._push(frame, weight)
+        return None if result is None else result.clone()
 
     def flush(self) -> Tensor | None:
         """End the sequence, and start anew.
@@ -130,14 +126,14 @@ class Stream:
         due = min(self._ages[1], self.latency)
         out = state.given[:, :, :0]
         if isinstance(self._plan, Windowed) and isinstance(state.memory, CascadeMemory) and due:
-            with torch.no_grad():
+            with torch.inference_mode():
                 out = at_the_end(self._plan, state.memory.passes[0], state.age, due)
                 out = nearer(out, state.given[:, :, 1 + self.latency - due :])
         shape = out.shape[1::2] if layout is None else layout.shape[:-1]
         dtype = out.dtype if layout is None else layout.dtype
         self.reset()
         out = out.permute(1, 2, 3, 0).reshape(*shape[:-1], due, shape[-1], 4)
-        return out.to(dtype)
+        return out.to(dtype, copy=True)
 
     def reset(self, people: int | slice | Tensor | None = None) -> None:
         """Start anew, as if nothing had come; frames that are still due are dropped.
@@ -157,7 +153,16 @@ class Stream:
         chosen[people] = True
         chosen = chosen.reshape(-1)
         age, memory = torch.where(chosen, 0, state.age), state.memory.forgotten(chosen)
-        self.state = StreamState(age, state.given, memory)
+        self._set(StreamState(age, state.given, memory))
+        if self._machine is not None:
+            self._machine.doubt()
+
+    def _set(self, state: StreamState | None) -> None:
+        self._state = state
+        if state is None:
+            self._layout, self._ages = None, (0, 0)
+        elif state.age.numel():
+            self._ages = (int(state.age.min()), int(state.age.max()))
 
     def _push(self, frame: Tensor, weight: Tensor | None) -> Tensor | None:
         self._check_same(frame)

@@ -1,7 +1,7 @@
 """Windowed filters frame by frame, once or several times over."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor, nn
@@ -24,6 +24,7 @@ class Windowed:
         ends: The filter itself, for frames whose window is not all there.
         causal: Missing frames hold the last present one.
         passes: How often the rule is applied.
+        start: In place of ``ends`` at the start.
     """
 
     past: int
@@ -32,6 +33,7 @@ class Windowed:
     ends: nn.Module
     causal: bool = False
     passes: int = 1
+    start: nn.Module | None = None
 
     @property
     def latency(self) -> int:
@@ -70,11 +72,11 @@ class Cascade:
         self.windowed = windowed
         self.centre = windowed.centre(like)
         self.doubt()
+        self._equal = [0] * windowed.passes
 
     def doubt(self) -> None:
-        """Take nothing for granted: the memory is another one."""
+        """Take it no longer for granted that everybody was seen."""
         self._whole = [False] * self.windowed.passes
-        self._equal = [0] * self.windowed.passes
 
     def begin(self, frame: Entered) -> CascadeMemory:
         """Nothing is seen yet."""
@@ -97,6 +99,8 @@ class Cascade:
             for those people whose window is all there.
         """
         window, passes, out = self.windowed, [], frame.q
+        if not memory.passes:
+            return memory, frame.unit
         for number, before in enumerate(memory.passes):
             if number > 0:
                 frame = self._between(passes[-1], out, number, age)
@@ -109,15 +113,14 @@ class Cascade:
 
     def _taken(self, before: Frames, frame: Entered, number: int) -> tuple[Frames, Tensor | None]:
         """The next frames, and their weights unless all are seen to be 1."""
-        whole = frame.trust is None or (visible(frame.trust) and bool(frame.trust.min() > 0))
         self._equal[number] = self._equal[number] + 1 if frame.trust is None else 0
-        if whole and self._whole[number]:
+        if frame.whole and self._whole[number]:
             if frame.trust is None and self._equal[number] <= before.q.shape[-2]:
-                frame = Entered(frame.q, torch.ones_like(frame.q[0]))
+                frame = replace(frame, trust=torch.ones_like(frame.scale))
             frames = settled(before, frame)
         else:
             frames = pushed(before, frame, causal=self.windowed.causal)
-        self._whole[number] = whole
+        self._whole[number] = frame.whole
         return frames, None if self._equal[number] >= frames.q.shape[-2] else frames.trust
 
     def _between(self, frames: Frames, out: Tensor, number: int, age: Tensor | None) -> Entered:
@@ -126,4 +129,5 @@ class Cascade:
         trust = frames.trust[:, -1 - future]
         if age is not None:  # before there is a first frame, the pass makes up something
             trust = torch.where((age > number * future)[:, None], trust, 0.0)
-        return Entered(out, trust)
+        whole = visible(trust) and bool(trust.min() > 0)
+        return Entered(out, torch.ones_like(trust), trust, whole)

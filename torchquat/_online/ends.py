@@ -1,7 +1,7 @@
 """Frames whose window is not all there: the filter itself, by its boundary rule."""
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from torchquat._online.cascade import Windowed
 from torchquat._online.frames import Frames
@@ -29,7 +29,7 @@ def at_the_start(windowed: Windowed, frames: Frames, age: Tensor, out: Tensor) -
         if due < 0:
             out = out.index_fill(1, people, torch.nan)
         else:
-            own = _filtered(windowed, frames, people, count)
+            own = _filtered(windowed.start or windowed.ends, frames, people, count)
             out = out.index_copy(1, people, own[:, :, due])
     return out
 
@@ -39,14 +39,14 @@ def at_the_end(windowed: Windowed, frames: Frames, age: Tensor, due: int) -> Ten
     out = frames.q.new_full((*frames.q.shape[:2], due, frames.q.shape[-1]), torch.nan)
     for count in sorted(set(age.tolist()) - {0}) if due else []:
         people = (age == count).nonzero()[:, 0]
-        own = _filtered(windowed, frames, people, count)[:, :, -due:]
+        own = _filtered(windowed.ends, frames, people, count)[:, :, -due:]
         some = torch.full_like(out.index_select(1, people), torch.nan)
         some[:, :, due - own.shape[2] :] = own
         out = out.index_copy(1, people, some)
     return out
 
 
-def _filtered(windowed: Windowed, frames: Frames, people: Tensor, count: int) -> Tensor:
+def _filtered(filter: nn.Module, frames: Frames, people: Tensor, count: int) -> Tensor:
     """The last ``count`` frames of some people, filtered as a whole, ``(4, P, count, J)``."""
     start = frames.q.shape[-2] - count
     q = frames.q[..., start:, :].index_select(1, people)
@@ -55,4 +55,4 @@ def _filtered(windowed: Windowed, frames: Frames, people: Tensor, count: int) ->
         # what the first frame is filled with comes from before: no result due has it in its window
         tiny = torch.finfo(trust.dtype).tiny
         trust = torch.cat([trust[:, :1].clamp(min=tiny), trust[:, 1:]], 1)
-    return windowed.ends(q.movedim(0, -1), trust).movedim(-1, 0)
+    return filter(q.movedim(0, -1), trust).movedim(-1, 0)

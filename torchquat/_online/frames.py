@@ -40,41 +40,63 @@ class Entered:
     """One frame on its way in.
 
     Attributes:
-        q: Unit quaternions ``(4, P, J)``.
+        q: Quaternions ``(4, P, J)`` that ``scale`` makes unit ones.
+        scale: One over their norms ``(P, J)``.
         trust: Weights ``(P, J)``; ``None``: all are seen to be 1.
+        whole: Whether nothing is seen to be missing.
         directed: Which have a direction; ``None``: all.
     """
 
     q: Tensor
+    scale: Tensor
     trust: Tensor | None
+    whole: bool
     directed: Tensor | None = None
+
+    @property
+    def unit(self) -> Tensor:
+        """Unit quaternions ``(4, P, J)``."""
+        return self.scale * self.q
+
+    def near(self, reference: Tensor) -> Tensor:
+        """Unit quaternions in the hemisphere of a reference ``(4, P, J)``."""
+        return torch.copysign(self.scale, (self.q * reference).sum(0)) * self.q
 
 
 def entered(frame: Tensor, weight: Tensor | None) -> Entered:
-    """Normalise a frame ``(P, J, 4)`` and find what is missing in it."""
+    """Look at a frame ``(P, J, 4)``: its norms, and what is missing in it."""
     planes = frame.movedim(-1, 0)
     if visible(frame):
         square = rotations.squared_norm(planes)
         limits = torch.finfo(frame.dtype)
-        low, high = torch.aminmax(square)
         # outside, digits of the square are lost; not a number is on neither side
-        if float(low) > limits.tiny / limits.eps and float(high) < limits.max * limits.eps:
-            trust = None if weight is None else missing.confidence(frame, weight)
-            return Entered(planes * square.rsqrt(), trust)
+        if _within(square, limits.tiny / limits.eps, limits.max * limits.eps):
+            if weight is None:
+                return Entered(planes, square.rsqrt(), None, whole=True)
+            if _within(weight, 0.0, torch.inf):
+                return Entered(planes, square.rsqrt(), weight.to(frame.dtype), whole=True)
     trust = missing.confidence(frame, weight)
-    return Entered(so3.normalize(frame).movedim(-1, 0), trust, so3.usable(frame))
+    unit = so3.normalize(frame).movedim(-1, 0)
+    return Entered(unit, torch.ones_like(unit[0]), trust, False, so3.usable(frame))
+
+
+def _within(x: Tensor, low: float, high: float) -> bool:
+    if x.dtype == torch.bool:
+        return bool(x.all())
+    least, most = torch.aminmax(x)
+    return float(least) > low and float(most) < high
 
 
 def first_frames(frame: Entered, width: int) -> Frames:
     """As many copies of a first frame; nothing is seen yet."""
-    q = frame.q[..., None, :].expand(-1, -1, width, -1)
+    q = frame.unit[..., None, :].expand(-1, -1, width, -1)
     nothing = torch.zeros_like(frame.q[0])
     return Frames(q, torch.ones_like(q[0]), nothing, nothing > 0)
 
 
 def settled(frames: Frames, frame: Entered) -> Frames:
     """The next frames where this one, and the one before, have all joints."""
-    unit = rotations.nearer(frame.q, frames.q[..., -1, :])
+    unit = frame.near(frames.q[..., -1, :])
     trust = frames.trust
     if frame.trust is not None:
         trust = torch.cat([trust[:, 1:], frame.trust[:, None]], 1)
@@ -91,8 +113,7 @@ def pushed(frames: Frames, frame: Entered, *, causal: bool) -> Frames:
     trust = torch.ones_like(frame.q[0]) if frame.trust is None else frame.trust
     present = trust > 0
     last = frames.q[..., -1, :]
-    near = rotations.nearer(frame.q, last)
-    unit = torch.where(present | ~frames.seen, near, last)
+    unit = torch.where(present | ~frames.seen, frame.near(last), last)
     past = frames.q[..., 1:, :]
     ended = present & ((frames.gap > 0) | ~frames.seen)
     if not visible(ended) or bool(ended.any()):

@@ -35,40 +35,47 @@ class EuroMemory:
         return replace(self, seen=self.seen & ~people[:, None])
 
 
-@dataclass(frozen=True)
 class OneEuro:
-    """:func:`torchquat.one_euro_filter`, one frame further; frequencies in cycles per frame."""
+    """:func:`torchquat.one_euro_filter`, one frame further; cut-offs in radians per frame."""
 
-    min_cutoff: float
-    beta: float
-    d_cutoff: float
-    frame_rate: float
+    def __init__(self, min_cutoff: float, beta: float, d_cutoff: float, frame_rate: float) -> None:
+        per_frame = 2.0 * math.pi / frame_rate
+        self.slowest, self.opening = per_frame * min_cutoff, per_frame * beta
+        self.d_cutoff, self.frame_rate = per_frame * d_cutoff, frame_rate
+        self.doubt()
 
     def doubt(self) -> None:
-        """Nothing is remembered beside the memory."""
+        """Take it no longer for granted that everybody was seen."""
+        self._whole = False  # so was the last frame, and all joints are seen
 
     def begin(self, frame: Entered) -> EuroMemory:
         """Nothing is seen yet."""
-        q = frame.q.double()
+        q = frame.unit.double()
         return EuroMemory(q, torch.zeros_like(q[:3]), torch.ones_like(q[0]), q[0] > torch.inf)
 
     def step(
         self, memory: EuroMemory, frame: Entered, age: Tensor | None
     ) -> tuple[EuroMemory, Tensor]:
         """Take a frame in; the result ``(4, P, J)``."""
-        q, trust, present = _measured(frame)
-        estimate = torch.where(memory.seen, memory.estimate, q)
-        velocity = torch.where(memory.seen, memory.velocity, 0.0)
-        step = rotations.between(estimate, rotations.nearer(q, estimate))
-        spread = memory.passed * (2.0 * math.pi / self.frame_rate) * trust
-        rate = self.d_cutoff * spread
+        estimate, velocity, passed = memory.estimate, memory.velocity, memory.passed
+        if not self._whole:
+            estimate = torch.where(memory.seen, estimate, frame.unit)
+            velocity = torch.where(memory.seen, velocity, 0.0)
+        step = rotations.between(estimate, frame.near(estimate))
+        trust = passed if frame.trust is None else passed * _bounded(frame.trust)
+        rate = self.d_cutoff * trust
         pull = rate / (rate + 1.0)
-        velocity = velocity + pull * (step * (self.frame_rate / memory.passed) - velocity)
+        velocity = torch.lerp(velocity, step * (self.frame_rate / passed), pull)
         speed = rotations.squared_norm(velocity).sqrt_()
-        rate = (self.min_cutoff + self.beta * speed) * spread
+        rate = (speed * self.opening).add_(self.slowest).mul_(trust)
         estimate = rotations.turn(estimate, rate / (rate + 1.0) * step)
-        passed = torch.where(present, 1.0, memory.passed + 1.0)
-        return EuroMemory(estimate, velocity, passed, memory.seen | present), estimate
+
+        seen = memory.seen
+        if not (frame.whole and self._whole):
+            present = _present(frame)
+            passed, seen = torch.where(present, 1.0, passed + 1.0), seen | present
+        self._whole = frame.whole
+        return EuroMemory(estimate, velocity, passed, seen), estimate
 
 
 @dataclass
@@ -108,13 +115,15 @@ class Tracker:
         self.edge = (place == 0) | (place == 0)[:, None]
         taylor = [1.0 / math.factorial(k) for k in range(1, order)]
         self.taylor = torch.tensor(taylor, **wide)[:, None, None, None]
+        self.doubt()
 
     def doubt(self) -> None:
-        """Nothing is remembered beside the memory."""
+        """Take it no longer for granted that everybody was seen."""
+        self._whole = False  # so was the last frame, and all joints are seen
 
     def begin(self, frame: Entered) -> KalmanMemory:
         """Nothing is seen yet."""
-        q = frame.q.double()
+        q = frame.unit.double()
         rates = q.new_zeros((len(self.taylor), 3, *q.shape[1:]))
         covariance = self.start.expand(*q.shape[1:], *self.edge.shape)
         return KalmanMemory(q, rates, covariance, q, q[0] > torch.inf)
@@ -123,22 +132,26 @@ class Tracker:
         self, memory: KalmanMemory, frame: Entered, age: Tensor | None
     ) -> tuple[KalmanMemory, Tensor]:
         """Take a frame in; the result ``(4, P, J)``, held where the frame is missing."""
-        q, trust, present = _measured(frame)
-        seen = memory.seen
-        turned = rotations.turn(memory.rotation, (self.taylor * memory.rates).sum(0))
-        expected = torch.where(seen, turned, q)
-        rates = torch.where(seen, self._later(memory.rates), 0.0)
+        expected = rotations.turn(memory.rotation, (self.taylor * memory.rates).sum(0))
+        rates, seen = self._later(memory.rates), memory.seen
         covariance = self.transition @ memory.covariance @ self.transition.mT + self.process
-        covariance = torch.where(seen[..., None, None], covariance, self.start)
+        if not self._whole:
+            expected = torch.where(seen, expected, frame.unit)
+            rates = torch.where(seen, rates, 0.0)
+            covariance = torch.where(seen[..., None, None], covariance, self.start)
 
-        share = trust / (1.0 + trust * covariance[..., 0, 0])
-        gain = (share[..., None] * covariance[..., 0]).movedim(-1, 0)
-        surprise = rotations.between(expected, rotations.nearer(q, expected))
+        trust = None if frame.trust is None else _bounded(frame.trust)
+        gain, covariance = self._informed(covariance, trust)
+        surprise = rotations.between(expected, frame.near(expected))
         rotation = rotations.turn(expected, gain[0] * surprise)
-        rates = rates + gain[1:, None] * surprise
-        covariance = self._seen(covariance, trust, share)
-        held = torch.where(present | ~seen, rotation, memory.held)
-        return KalmanMemory(rotation, rates, covariance, held, seen | present), held
+        rates = torch.addcmul(rates, gain[1:, None], surprise)
+        held = rotation
+        if not (frame.whole and self._whole):
+            present = _present(frame)
+            held = torch.where(present | ~seen, rotation, memory.held)
+            seen = seen | present
+        self._whole = frame.whole
+        return KalmanMemory(rotation, rates, covariance, held, seen), held
 
     def _later(self, rates: Tensor) -> Tensor:
         """Rates one frame later, the highest held."""
@@ -146,19 +159,19 @@ class Tracker:
             return rates
         return torch.stack([rates[0] + rates[1], rates[1]])
 
-    def _seen(self, p: Tensor, trust: Tensor, share: Tensor) -> Tensor:
-        """Covariance after a measurement of the rotation."""
-        total = (1.0 + trust * p[..., 0, 0])[..., None, None]
-        left = torch.addcmul(p, share[..., None, None] * p[..., :, :1], p[..., :1, :], value=-1.0)
+    def _informed(self, p: Tensor, trust: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Gains ``(order, P, J)``, and the covariance after a measurement of the rotation."""
+        known = p[..., :1, :] if trust is None else trust[..., None, None] * p[..., :1, :]
+        total = known[..., :1] + 1.0
+        left = torch.addcmul(p, p[..., :, :1] / total, known, value=-1.0)
         # on the edge the same number without a difference
-        return torch.where(self.edge, p / total, left)
+        return (known / total)[..., 0, :].movedim(-1, 0), torch.where(self.edge, p / total, left)
 
 
-def _measured(frame: Entered) -> tuple[Tensor, Tensor, Tensor]:
-    """A frame and its weights in double precision, and where it is present."""
-    q = frame.q.double()
-    if frame.trust is None:
-        trust = torch.ones_like(q[0])
-    else:
-        trust = frame.trust.double().clamp(max=HEAVIEST)
-    return q, trust, trust > 0
+def _bounded(trust: Tensor) -> Tensor:
+    """Weights in double precision, none so large that products overflow."""
+    return trust.double().clamp_(max=HEAVIEST)
+
+
+def _present(frame: Entered) -> Tensor:
+    return torch.ones_like(frame.scale) > 0 if frame.trust is None else frame.trust > 0

@@ -45,7 +45,7 @@ def squared_norm(x: Tensor) -> Tensor:
 def nearer(q: Tensor, reference: Tensor) -> Tensor:
     """Of ``q`` and ``-q`` the one in the hemisphere of ``reference``, ``(4, ...)``."""
     cosine = (q * reference).sum(0)
-    return torch.copysign(cosine.new_ones(()), cosine).mul(q)
+    return torch.copysign(_one(q.dtype, q.device), cosine) * q
 
 
 def angle_and_factor(square: Tensor) -> tuple[Tensor, Tensor]:
@@ -55,7 +55,7 @@ def angle_and_factor(square: Tensor) -> tuple[Tensor, Tensor]:
         A quarter of the angle between them [rad], never 0, and by what the vector part of their
         quotient must be multiplied to give the rotation vector. As in :mod:`torchquat._series`.
     """
-    sine = (0.25 * square).add_(1e-30)
+    sine = (0.25 * square).add_(1e-30)  # of a quarter of the angle, squared
     quarter = sine.sqrt().asin_()
     return quarter, torch.addcmul(sine, sine, sine, value=-1.0).rsqrt_().mul_(quarter).mul_(2.0)
 
@@ -102,6 +102,12 @@ def _bilinear(table: Table, a: Tensor, b: Tensor) -> Tensor:
     index, sign = _constants(table, b.dim(), b.dtype, b.device)
     chosen = a.index_select(0, index).view(*sign.shape[:2], *a.shape[1:])
     return (chosen * (sign * b)).sum(1)
+
+
+@lru_cache(maxsize=64)
+def _one(dtype: torch.dtype, device: torch.device) -> Tensor:
+    with torch.inference_mode(False):
+        return torch.ones((), dtype=dtype, device=device)
 
 
 @lru_cache(maxsize=64)

@@ -1,7 +1,7 @@
 """Which filters can be fed frame by frame, and how."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -93,7 +93,12 @@ def _moving_mean(filter: filters.MovingMeanFilter) -> Windowed:
 
 
 def _savitzky_golay(filter: filters.SavitzkyGolayFilter) -> Windowed:
-    return _of_mask(filter, partial(as_mask, filter.mask), filter.radius)
+    made = _of_mask(filter, partial(as_mask, filter.mask), filter.radius)
+    if filter.boundary != "interp":
+        return made
+    # the fit to the first whole window is not there yet
+    held = filters.SavitzkyGolayFilter(filter.radius, filter.order, boundary="replicate")
+    return replace(made, start=held)
 
 
 def _bilateral(filter: filters.BilateralFilter) -> Windowed:

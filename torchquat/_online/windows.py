@@ -5,6 +5,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from torchquat._eager import highest
 from torchquat._online import rotations
 from torchquat.filters.robust import PER_AXIS, ROUNDING, weighted_median
 
@@ -104,9 +105,10 @@ def _on_increments(m: Tensor, past: int) -> tuple[Tensor, Tensor]:
     """
     summed = m.cumsum(-2)
     total = summed[..., -1:, :]
-    divisor = torch.where(total > 0, total, 1.0)
-    before, after = summed[..., :past, :].neg(), total - summed[..., past:-1, :]
-    return torch.cat([before, after], -2) / divisor, total
+    divisor = total.clamp(min=torch.finfo(m.dtype).tiny)
+    coefficients = summed[..., :-1, :].neg()
+    coefficients[..., past:, :] += total
+    return coefficients.div_(divisor), total
 
 
 def _moved(q: Tensor, coefficients: Tensor, past: int) -> Tensor:
@@ -118,8 +120,12 @@ def _moved(q: Tensor, coefficients: Tensor, past: int) -> Tensor:
 def _nearer_median(p: Tensor, q: Tensor, trust: Tensor | None, *, reweighted: bool) -> Tensor:
     """One step of Weiszfeld's iteration, or the step to the mean."""
     here = p[..., None, :]
-    apart = rotations.nearer(q, here) - here
-    quarter, m = rotations.angle_and_factor(rotations.squared_norm(apart))
+    apart = q - here
+    square = rotations.squared_norm(apart)
+    if not highest(square) <= 2.0:  # of q and -q, the nearer
+        apart = rotations.nearer(q, here) - here
+        square = rotations.squared_norm(apart)
+    quarter, m = rotations.angle_and_factor(square)
     total = None
     if reweighted:
         pull = (quarter * quarter).mul_(16.0).add_(ROUNDING**2).rsqrt_()
