@@ -35,7 +35,7 @@ def known_soon(known, run, latency):
 @online
 def test_equals_the_offline_result(run, latency, rng, dtype):
     """At the ends too, and within 1e-6 rad in single precision."""
-    q = noisy(rng=rng, frames=75 if latency > 20 else 40, dtype=dtype)
+    q = noisy(rng=rng, frames=70 if latency > 20 else 24, dtype=dtype)
     tol = 5e-6 if getattr(run, "chart", "") == "global" else 1e-6  # near half turns
     assert Stream(run).latency == latency
     assert_same_rotation(streamed(run, q), run(q), tol if dtype == torch.float32 else 1e-12)
@@ -43,7 +43,7 @@ def test_equals_the_offline_result(run, latency, rng, dtype):
 
 @online
 def test_missing_frames_take_no_part(run, latency, rng):
-    q, weight = with_gaps(noisy(rng=rng, frames=75 if latency > 20 else 40), rng)
+    q, weight = with_gaps(noisy(rng=rng, frames=70 if latency > 20 else 24), rng)
     expected, result = run(q, weight), streamed(run, q, weight)
     known = torch.isfinite(q).all(-1) & (weight > 0)
     assert result.isfinite().all()
@@ -52,7 +52,7 @@ def test_missing_frames_take_no_part(run, latency, rng):
     assert_same_rotation(result[same], expected[same], 1e-12)
 
 
-@pytest.mark.parametrize("frames", [1, 2, 3, 7])
+@pytest.mark.parametrize("frames", [1, 2, 7])
 @online
 def test_sequences_shorter_than_the_window(run, latency, frames, rng):
     q = noisy(2, rng=rng, frames=frames)
@@ -63,10 +63,10 @@ def test_sequences_shorter_than_the_window(run, latency, frames, rng):
 def test_kalman_gives_the_forward_pass(order, rng):
     """The estimate of the last of all frames so far, which the backward pass does not change."""
     run = KalmanSmoother([0.1, 0.2, 0.3], 0.3, order=order)
-    q, weight = with_gaps(noisy(rng=rng, frames=25), rng)
+    q, weight = with_gaps(noisy(rng=rng, frames=14), rng)
     weight[1:4, 0] = 0.0
     for given in (None, weight):
-        so_far = [run(q[: t + 1], None if given is None else given[: t + 1])[t] for t in range(25)]
+        so_far = [run(q[: t + 1], None if given is None else given[: t + 1])[t] for t in range(14)]
         assert_same_rotation(streamed(run, q, given), torch.stack(so_far), 1e-7)  # 1e7 is "unknown"
 
 
@@ -112,9 +112,9 @@ def test_results_lie_in_the_hemispheres_of_the_frames(name, rng):
 
 @pytest.mark.parametrize("name", ["bilateral", "nonlocal-pose", "hampel", "one-euro"])
 def test_a_batch_is_as_many_streams(name, rng):
-    q = noisy(2, 3, rng=rng, frames=24)
+    q = noisy(3, rng=rng, frames=16)
     run = ONLINE[name][0]
-    alone = torch.stack([streamed(run, each) for each in q.flatten(0, 1)]).reshape(q.shape)
+    alone = torch.stack([streamed(run, each) for each in q])
     assert_same_rotation(streamed(run, q), alone, 1e-12)
 
 
