@@ -110,7 +110,7 @@ class Stream:
         check_frame(frame, weight)
         with torch.inference_mode():
             result = self._push(frame, weight)
-        return None if result is None else result
+        return None if result is None else result.clone()  # outside: a plain tensor
 
     def flush(self) -> Tensor | None:
         """End the sequence, and start anew.
