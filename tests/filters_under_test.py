@@ -1,5 +1,6 @@
 """All filters of the package, as modules, by what they promise."""
 
+import torch
 from torch import nn
 
 from torchquat import (
@@ -10,7 +11,10 @@ from torchquat import (
     HampelFilter,
     KalmanSmoother,
     KernelPCAFilter,
+    LearnedPredict,
+    LearnedUpdate,
     LiftingDenoiser,
+    LiftingStep,
     LinearFilter,
     LocalSpectrumFilter,
     LowRankFilter,
@@ -19,9 +23,19 @@ from torchquat import (
     NonLocalPoseMeans,
     OneEuroFilter,
     OutlierRepair,
+    PatchEmbedding,
     PrincipalComponentFilter,
     SavitzkyGolayFilter,
 )
+
+
+def shaken(module: nn.Module) -> nn.Module:
+    """As if trained and then put to use: a new learned block does nothing."""
+    draw = torch.Generator().manual_seed(0)
+    for parameter in module.requires_grad_(False).parameters():
+        parameter += 0.2 * torch.randn(parameter.shape, generator=draw)
+    return module
+
 
 SYMMETRIC: dict[str, nn.Module] = {
     "gaussian": GaussianFilter(1.5),
@@ -62,12 +76,18 @@ ASYMMETRIC: dict[str, nn.Module] = {
     "lifting-squad": LiftingDenoiser("squad", levels=2, rule="sure", cycle_spins=3),
     "lifting-bezier": LiftingDenoiser("bezier", levels=3, rule="bayes"),
     "lifting-finest": LiftingDenoiser("linear", levels=3, rule="finest"),
+    "lifting-learned": LiftingDenoiser(
+        LiftingStep(shaken(LearnedPredict()), shaken(LearnedUpdate())), levels=2, rule=0.1
+    ),
     "kalman": KalmanSmoother(0.1, 0.3),
     "kalman-acceleration": KalmanSmoother(0.05, 0.3, order=3),
 }
 """One side counts more than the other, or even frames for something else than odd ones."""
 MIXING: dict[str, nn.Module] = {
     "nonlocal-pose": NonLocalPoseMeans(0.3, patch_radius=1, search_radius=4, boundary="reflect"),
+    "nonlocal-embedding": NonLocalPoseMeans(
+        0.3, patch_radius=1, search_radius=4, embedding=shaken(PatchEmbedding(1))
+    ),
     "principal-components": PrincipalComponentFilter(4),
     "principal-components-share": PrincipalComponentFilter(0.8),
     "auto": AutoDenoiser(),
@@ -76,7 +96,9 @@ MIXING: dict[str, nn.Module] = {
     "kernel-pca": KernelPCAFilter(4),
     "kernel-pca-narrow": KernelPCAFilter(0.8, sigma=0.3, landmarks=8, iterations=4),
 }
-"""Filters whose joints share weights, on purpose; symmetric in time."""
+"""Filters whose joints share weights, on purpose; symmetric in time, but for some."""
+ONE_SIDED = ("nonlocal-embedding",)
+"""The mixing ones that are not symmetric in time."""
 ALL = SYMMETRIC | CAUSAL | ASYMMETRIC | MIXING
 APART = {name: run for name, run in ALL.items() if name not in MIXING}
 """Filters that treat every joint as if it were alone."""

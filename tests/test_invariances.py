@@ -3,7 +3,7 @@
 import invariances
 import pytest
 import torch
-from filters_under_test import ALL, APART, ASYMMETRIC, CAUSAL, MIXING, SYMMETRIC
+from filters_under_test import ALL, APART, ASYMMETRIC, CAUSAL, MIXING, ONE_SIDED, SYMMETRIC
 from motions import angle_between, smooth_motion
 
 from torchquat import BilateralFilter, GaussianFilter
@@ -67,12 +67,12 @@ def test_joints_mix_where_they_share_weights(name, q, rng):
     invariances.check_joints_do_not_mix(MIXING[name], q, rng)
 
 
-@pytest.mark.parametrize("name", [*SYMMETRIC, *MIXING])
+@pytest.mark.parametrize("name", sorted({*SYMMETRIC, *MIXING} - {*ONE_SIDED}))
 def test_C9_time_reversal(name, q):
     invariances.check_time_reversal(ALL[name], q)
 
 
-@pytest.mark.parametrize("name", [*CAUSAL, *ASYMMETRIC])
+@pytest.mark.parametrize("name", [*CAUSAL, *ASYMMETRIC, *ONE_SIDED])
 @pytest.mark.xfail(reason="even frames are not odd ones", raises=AssertionError, strict=True)
 def test_C9_time_reversal_is_not_for_these_filters(name, q):
     invariances.check_time_reversal(ALL[name], q)

@@ -7,6 +7,7 @@ from torchquat.filters.bilateral import (
 )
 from torchquat.filters.butterworth import ButterworthFilter, butterworth_filter
 from torchquat.filters.editing import compress, salience, scale_details, stored_share
+from torchquat.filters.learned import LearnedPredict, LearnedUpdate, PatchEmbedding
 from torchquat.filters.lifting import (
     BezierPredict,
     HaarPredict,
@@ -58,6 +59,8 @@ __all__ = [
     "HampelFilter",
     "KalmanSmoother",
     "KernelPCAFilter",
+    "LearnedPredict",
+    "LearnedUpdate",
     "LiftingDenoiser",
     "LiftingStep",
     "LiftingTransform",
@@ -71,6 +74,7 @@ __all__ = [
     "NonLocalPoseMeans",
     "OneEuroFilter",
     "OutlierRepair",
+    "PatchEmbedding",
     "PrincipalComponentFilter",
     "Pyramid",
     "SavitzkyGolayFilter",

@@ -17,6 +17,7 @@ from torchquat.filters._prediction import (
     LinearUpdate,
     SquadPredict,
 )
+from torchquat.filters.learned import LearnedPredict
 
 __all__ = [
     "BezierPredict",
@@ -224,7 +225,7 @@ def _steps(wavelet: Wavelet | LiftingStep | Sequence[LiftingStep]) -> list[Lifti
     return steps
 
 
-_UNIT = (HaarPredict, LinearPredict, SquadPredict, BezierPredict)
+_UNIT = (HaarPredict, LinearPredict, SquadPredict, BezierPredict, LearnedPredict)
 """Predictions that are of unit length, and the same rotations whatever the signs of the frames."""
 
 
