@@ -12,7 +12,7 @@ from torch import Tensor
 
 from torchquat import io, noise
 
-__all__ = ["CLEAN", "COLUMNS", "FRAMES", "Clip", "corrupted", "paths_of", "read"]
+__all__ = ["CLEAN", "COLUMNS", "FRAMES", "Clip", "corrupted", "dropped", "paths_of", "read"]
 
 FRAMES = {120: 300, 30: 200}
 """Frames taken from every clip, by frame rate."""
@@ -83,7 +83,7 @@ def read(paths: list[Path], rate: int, frames: int | None, start: int | None) ->
         return [Clip(name, make(length, rate).q) for name, make in made.items()]
     clips = []
     for path in paths:
-        skip = _dropped(path)
+        skip = dropped(path)
         if start is None:
             motion = middle(path, length, frame_rate=rate, skip=skip)
         else:
@@ -103,14 +103,14 @@ def _sliced(path: Path, frames: int, rate: int, skip: int, start: int) -> io.Mot
     return io.Motion(left, motion.frame_rate, motion.names, skeleton=motion.skeleton)
 
 
-def _dropped(path: Path) -> int:
+def dropped(path: Path) -> int:
     """Leading frames that are no motion, as the manifest says."""
     manifest = path.parent / "manifest.csv"
     if not manifest.exists():
         return 0
     with manifest.open(newline="", encoding="utf-8") as lines:
-        dropped = {row["file"]: int(row["drop_first"]) for row in csv.DictReader(lines)}
-    return dropped.get(path.name, 0)
+        leading = {row["file"]: int(row["drop_first"]) for row in csv.DictReader(lines)}
+    return leading.get(path.name, 0)
 
 
 def corrupted(clip: Clip, rate: int, columns: list[str], seeds: list[int]) -> Tensor:
