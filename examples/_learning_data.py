@@ -32,12 +32,14 @@ class Data:
         unseen: Slices of others, to judge by.
         sigma: Noise per axis of every joint ``(J,)`` [rad].
         seed: Of all draws.
+        quick: Whether little of everything is wanted.
     """
 
     trained: list[Clip]
     unseen: list[Clip]
     sigma: Tensor
     seed: int
+    quick: bool = False
 
     @property
     def joints(self) -> int:
@@ -129,7 +131,7 @@ def read(folder: Path | None, seed: int, *, quick: bool = False) -> Data:
     half = len(clips) // 2
     unseen = [Clip(clip.name, middle_of(clip.q)) for clip in clips[half:]]
     spread = torch.rand(len(names), generator=torch.Generator().manual_seed(seed))
-    return Data(clips[:half], unseen, QUIETEST * (LOUDEST / QUIETEST) ** spread, seed)
+    return Data(clips[:half], unseen, QUIETEST * (LOUDEST / QUIETEST) ** spread, seed, quick)
 
 
 def middle_of(q: Tensor) -> Tensor:

@@ -33,7 +33,8 @@ MULTIPLES = (2.0, 3.0, 4.5, 6.5, 10.0)  # of each joint's noise
 RULES = ("universal", "sure", "bayes")
 LEVELS = (2, 3, 4, 5)
 PATCH_LIKENESS = (0.02, 0.04, 0.06, 0.08, 0.12, 0.16)  # [rad]
-PATCH = {"patch_radius": 5, "search_radius": 10}
+QUICK_STEP = 7  # where it is to be quick, one setting of so many is tried
+PATCH: dict[str, Any] = {"patch_radius": 5, "search_radius": 10}
 
 Learn = Callable[[str, nn.Module, int, float], nn.Module]
 """Trains a module, by name, for so many steps from this rate on, and returns it."""
@@ -55,8 +56,8 @@ def bandwidths(data: Data, learn: Learn) -> Iterator[tuple[str, nn.Module]]:
     one = best(_bilateral, data, sigma_t=SPANS, sigma_g=LIKENESS)
     yield "bilateral, by hand", _bilateral(**one)
     yield "bilateral, learned", learn("bilateral", _bilateral(**one, learnable=True), 150, 0.03)
-    each = best(_bilateral_by_noise(data.sigma), data, sigma_t=SPANS, multiple=MULTIPLES)
     by_noise = _bilateral_by_noise(data.sigma)
+    each = best(by_noise, data, sigma_t=SPANS, multiple=MULTIPLES)
     yield "bilateral per joint, by hand", by_noise(**each)
     module = by_noise(**each, learnable=True)
     yield "bilateral per joint, learned", learn("bilateral_per_joint", module, 300, 0.03)
@@ -78,7 +79,8 @@ def blocks(data: Data, learn: Learn) -> Iterator[tuple[str, nn.Module]]:
     yield "non-local, by hand", _nonlocal(**found)
     yield "non-local, learned", learn("nonlocal", _nonlocal(**found, learnable=True), 150, 0.03)
     torch.manual_seed(data.seed)
-    embedded = _nonlocal(**found, embedding=PatchEmbedding(PATCH["patch_radius"]), learnable=True)
+    features = PatchEmbedding(PATCH["patch_radius"], joints=data.joints)
+    embedded = _nonlocal(**found, embedding=features, learnable=True)
     yield "non-local, features learned", learn("nonlocal_features", embedded, 300, 0.02)
 
 
@@ -90,6 +92,7 @@ def best(
         dict(zip(choices, values, strict=True)) for values in itertools.product(*choices.values())
     ]
     clips = [Clip(clip.name, middle_of(clip.q)) for clip in data.trained]
+    settings = settings[:: QUICK_STEP if data.quick else 1]
     return max(settings, key=lambda one: float(judged(make(**one), data, clips, spoil).psnr.mean()))
 
 

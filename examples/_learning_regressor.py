@@ -7,6 +7,7 @@ gradients reach the net through it.
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import torch
 from _learning_data import Data, Figures, judged
@@ -85,12 +86,12 @@ def regressors(
     alone = learned("regressor", _new(data))
     yield "regressor", row(alone)
 
-    def followed(**setting: float) -> nn.Module:
+    def followed(**setting) -> nn.Module:
         return nn.Sequential(alone, BilateralFilter(**setting, radius=RADIUS))
 
     setting = best(followed, data, camera, sigma_t=SPANS, sigma_g=LIKENESS)
     yield BY_HAND, row(followed(**setting))
-    each = {name: [value] * data.joints for name, value in setting.items()}
+    each: dict[str, Any] = {name: [value] * data.joints for name, value in setting.items()}
     inside = nn.Sequential(_new(data), BilateralFilter(**each, radius=RADIUS, learnable=True))
     yield INSIDE, row(learned("regressor_filter_inside", inside))
 

@@ -173,7 +173,7 @@ def test_a_new_embedding_starts_at_the_plain_distance_and_learns(causal, rng):
     q = smooth_motion(frames=30, rng=rng, dtype=torch.float32)
     options = {"patch_radius": 3, "search_radius": 5, "causal": causal}
     learned = NonLocalPoseMeans(
-        0.2, embedding=PatchEmbedding(3, causal=causal), learnable=True, **options
+        0.2, embedding=PatchEmbedding(3, joints=3, causal=causal), learnable=True, **options
     )
     plain = NonLocalPoseMeans(0.2, **options)
     assert_same_rotation(learned(q), plain(q), 1e-5)
@@ -193,6 +193,15 @@ def test_an_embedding_fits_every_skeleton_and_follows_a_common_turn(rng):
         assert torch.allclose(*lengths, atol=1e-12)
 
 
+def test_joints_of_an_embedding_count_by_their_gain(rng):
+    embedding = shaken(PatchEmbedding(2, joints=2))
+    embedding.gain[1] = 0.0
+    patch = torch.randn(9, 5, 2, 3, generator=rng, dtype=torch.float64)
+    other = torch.cat([patch[:, :, :1], 2.0 * patch[:, :, 1:]], -2)
+    assert torch.equal(embedding(patch), embedding(other))
+    assert not torch.equal(embedding(patch), embedding(other.flip(-2)))
+
+
 def test_bad_options_are_named():
     for block in (LearnedPredict, LearnedUpdate):
         with pytest.raises(ValueError, match="channels must be >= 1, got 0"):
@@ -203,5 +212,9 @@ def test_bad_options_are_named():
         PatchEmbedding(-1)
     with pytest.raises(ValueError, match="features must be >= 1, got 0"):
         PatchEmbedding(features=0)
+    with pytest.raises(ValueError, match="joints must be >= 1, got 0"):
+        PatchEmbedding(joints=0)
+    with pytest.raises(ValueError, match="patch must have 4 joints, got 1"):
+        PatchEmbedding(2, joints=4)(torch.zeros(9, 5, 1, 3))
     with pytest.raises(ValueError, match="patch must have 5 frames, as patch_radius and"):
         PatchEmbedding(2)(torch.zeros(9, 11, 1, 3))

@@ -92,9 +92,8 @@ class LearnedUpdate(nn.Module):
 class PatchEmbedding(nn.Module):
     """Learned features of patches, for ``NonLocalPoseMeans(embedding=...)``.
 
-    A small network along the frames of a patch, the same for every joint, so that it fits any
-    skeleton. Distances between features do not depend on the world frame nor, where all joints
-    turn alike, on the body frame.
+    A small network along the frames of a patch, the same for every joint. Distances between
+    features do not depend on the world frame nor, where all joints turn alike, on the body frame.
 
     A new module adds next to nothing, a millionth of the features' own distances, so that training
     starts at the plain distance. It cannot add exactly nothing: the distance is a square, with no
@@ -106,16 +105,29 @@ class PatchEmbedding(nn.Module):
         patch_radius: That of the filter [frames], >= 0.
         features: Vectors per joint, >= 1.
         channels: Width of the network, >= 1.
+        joints: Learn how much each of so many joints counts, >= 1; ``None``: all the same, which
+            fits any skeleton.
         causal: Whether the filter is.
     """
 
+    gain: Tensor | None
+
     def __init__(
-        self, patch_radius: int = 5, *, features: int = 4, channels: int = 8, causal: bool = False
+        self,
+        patch_radius: int = 5,
+        *,
+        features: int = 4,
+        channels: int = 8,
+        joints: int | None = None,
+        causal: bool = False,
     ) -> None:
         super().__init__()
         check_count("patch_radius", patch_radius, 0)
         check_count("features", features, 1)
         check_count("channels", channels, 1)
+        if joints is not None:
+            check_count("joints", joints, 1)
+        self.gain = None if joints is None else nn.Parameter(torch.ones(joints, 1, 1))
         self.width = patch_radius + 1 if causal else 2 * patch_radius + 1
         self.network = _VectorNetwork(self.width, channels, features)
         with torch.no_grad():
@@ -128,7 +140,12 @@ class PatchEmbedding(nn.Module):
                 f"patch must have {self.width} frames, as patch_radius and causal say, "
                 f"got {patch.shape[-3]}."
             )
-        return self.network(patch).flatten(-4)
+        if self.gain is not None and patch.shape[-2] != len(self.gain):
+            raise ValueError(f"patch must have {len(self.gain)} joints, got {patch.shape[-2]}.")
+        found = self.network(patch)  # (..., N, 1, J, 3, features)
+        if self.gain is not None:
+            found = found * self.gain.to(found.dtype)
+        return found.flatten(-4)
 
 
 class _VectorNetwork(nn.Module):
