@@ -47,10 +47,12 @@ class Data:
         return len(self.sigma)
 
     def clean(self, generator: torch.Generator) -> Tensor:
-        """Windows ``(B, T, J, 4)`` of the clips to learn from, long clips more often."""
-        lengths = torch.tensor([float(len(clip.q)) for clip in self.trained])
-        chosen = torch.multinomial(lengths, BATCH, replacement=True, generator=generator)
-        window = min(WINDOW, int(lengths.min()))
+        """Windows ``(B, T, J, 4)`` of the clips to learn from, of each as often as of the others.
+
+        A long clip of one kind of motion would be learned otherwise.
+        """
+        chosen = torch.randint(len(self.trained), (BATCH,), generator=generator)
+        window = min(WINDOW, *(len(clip.q) for clip in self.trained))
         return torch.stack([_slice(self.trained[int(c)].q, window, generator) for c in chosen])
 
     def spoilt(self, q: Tensor, generator: torch.Generator) -> Tensor:
@@ -105,7 +107,7 @@ def judged(method: Method, data: Data, clips: list[Clip], spoil: Method | None =
 
 
 def read(folder: Path | None, seed: int, *, quick: bool = False) -> Data:
-    """Split clips: the longer half, rounded down, to learn from; the rest to judge by.
+    """Split clips: of every two of about one length, one to learn from and one to judge by.
 
     Clips whose joints have other names than those of most clips are left out.
 
@@ -128,10 +130,9 @@ def read(folder: Path | None, seed: int, *, quick: bool = False) -> Data:
     if len(clips) < 2:
         raise ValueError(f"clips must be two or more with the same joints, got {len(clips)}.")
     clips.sort(key=lambda clip: -len(clip.q))
-    half = len(clips) // 2
-    unseen = [Clip(clip.name, middle_of(clip.q)) for clip in clips[half:]]
+    unseen = [Clip(clip.name, middle_of(clip.q)) for clip in clips[1::2]]
     spread = torch.rand(len(names), generator=torch.Generator().manual_seed(seed))
-    return Data(clips[:half], unseen, QUIETEST * (LOUDEST / QUIETEST) ** spread, seed, quick)
+    return Data(clips[::2], unseen, QUIETEST * (LOUDEST / QUIETEST) ** spread, seed, quick)
 
 
 def middle_of(q: Tensor) -> Tensor:
