@@ -16,7 +16,7 @@ NO_SHARES = {
     "kernel-pca": "poses are compared whole",
     **{
         f"lifting-{name}": "a lifting scheme knows missing frames only"
-        for name in ("haar", "linear", "squad", "bezier", "finest")
+        for name in ("haar", "linear", "squad", "bezier", "finest", "learned")
     },
 }
 """Filters in which a confidence is not a share, and why."""
