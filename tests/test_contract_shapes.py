@@ -188,7 +188,9 @@ def test_B21_deterministic_algorithms(run, rng):
     assert q.grad.isfinite().all()
 
 
-@pytest.mark.parametrize("size", [1, *(pytest.param(size, marks=pytest.mark.slow) for size in (40, 100))])
+@pytest.mark.parametrize(
+    "size", [1, *(pytest.param(size, marks=pytest.mark.slow) for size in (40, 100))]
+)
 def test_B19_chunks_of_any_size_make_no_difference(size, run, rng, monkeypatch):
     """Blocks of the batch, of time, and of both; where frames are missing, and where none is."""
     q = smooth_motion(5, frames=41, rng=rng)
