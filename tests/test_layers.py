@@ -16,6 +16,7 @@ EVERYTHING = [*SOURCES, *sorted((ROOT / "examples").glob("*.py"))]
 RANKS = {
     "torchquat._checks": 0,
     "torchquat._eager": 0,
+    "torchquat._running": 0,
     "torchquat._pull_back": 1,
     "torchquat._series": 1,
     "torchquat._planes": 2,

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from torchquat._eager import derivatives, lowest
+from torchquat._running import running_product
 from torchquat._series import angle_over_half_sine, sinc_and_cosine
 
 __all__ = [
@@ -174,7 +175,7 @@ def align_path(q: Tensor) -> Tensor:
     step = dot(here, there)
     if lowest(step) >= 0:
         return q
-    sign = sign_of(step).cumprod(-2)
+    sign = running_product(sign_of(step), -2)
     return torch.cat([torch.ones_like(q[0].narrow(-2, 0, 1)), sign], -2) * q
 
 

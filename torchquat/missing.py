@@ -10,6 +10,7 @@ from torch import Tensor
 
 from torchquat import so3
 from torchquat._checks import check_signal
+from torchquat._running import running_maximum, running_minimum
 
 __all__ = ["confidence", "fill_missing", "interpolate", "validity"]
 
@@ -88,8 +89,8 @@ def interpolate(q: Tensor, present: Tensor, *, causal: bool = False) -> Tensor:
     """
     frames = q.shape[-3]
     frame = torch.arange(frames, device=q.device)[:, None].expand(present.shape)
-    before = torch.where(present, frame, -1).cummax(-2).values
-    after = torch.where(present, frame, frames).flip(-2).cummin(-2).values.flip(-2)
+    before = running_maximum(torch.where(present, frame, -1), -2)
+    after = running_minimum(torch.where(present, frame, frames).flip(-2), -2).flip(-2)
     # where one side has no present frame, the other stands for both; where none has, the frame
     left = torch.where(before >= 0, before, torch.where(after < frames, after, frame))
     right = left if causal else torch.where(after < frames, after, left)

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from torchquat import _planes
 from torchquat._eager import lowest
+from torchquat._running import running_maximum, running_product
 from torchquat._series import squared_arcsine
 from torchquat.filters._rows import all_places, places, shifted
 
@@ -184,7 +185,7 @@ def aligned(q: Tensor, good: Tensor) -> Tensor:
         Unit quaternions ``(4, N, T)``.
     """
     frame = torch.arange(q.shape[-1], device=q.device).expand(good.shape)
-    latest = torch.where(good, frame, 0).cummax(-1).values
+    latest = running_maximum(torch.where(good, frame, 0), -1)
     earlier = (torch.arange(q.shape[-1], device=q.device) - 1).clamp(min=0)
     before = latest.index_select(-1, earlier)
     there = q.detach().gather(-1, before.expand(q.shape))
@@ -192,5 +193,5 @@ def aligned(q: Tensor, good: Tensor) -> Tensor:
     if lowest(cosine) >= 0:
         return q
     step = _planes.sign_of(cosine)
-    chain = torch.where(good, step, 1.0).cumprod(-1)
+    chain = running_product(torch.where(good, step, 1.0), -1)
     return q * (chain.index_select(-1, earlier) * step)

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from torchquat import _eager, _planes, so3
+from torchquat._running import running_maximum
 from torchquat.filters._rows import all_places, places, quaternions_of, rows_of, unrowed
 
 __all__ = ["undone"]
@@ -124,7 +125,7 @@ def _displacement(jumps: _Jumps) -> Tensor:
     back, rest = _ways_back(jumps, at)
     dense = torch.zeros_like(jumps.inside, dtype=torch.int64).flatten().scatter(0, at, back)
     back = _first_come(dense.view(jumps.inside.shape))
-    covered = torch.where(back > 0, frame + back, -1).cummax(-2).values
+    covered = running_maximum(torch.where(back > 0, frame + back, -1), -2)
     free = jumps.ending & (covered < frame)
     ahead = _first_come(back + _to_the_end(free))
     away = _placed(jumps.excess, ahead.flatten()[at], rest, at)
@@ -144,7 +145,7 @@ def _displacement(jumps: _Jumps) -> Tensor:
 def _first_come(length: Tensor) -> Tensor:
     """Only those stretches that begin behind the end of all earlier ones."""
     frame = torch.arange(length.shape[-2], device=length.device)[:, None]
-    end = torch.where(length > 0, frame + length, -1).cummax(-2).values
+    end = running_maximum(torch.where(length > 0, frame + length, -1), -2)
     before = end.index_select(-2, (frame[:, 0] - 1).clamp(min=0))
     return torch.where((before < frame) | (frame == 0), length, 0)
 

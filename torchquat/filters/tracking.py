@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from torchquat import missing, so3, timeline
 from torchquat._checks import check_positive
+from torchquat._running import running_maximum
 from torchquat.filters._bandwidth import Bandwidth, per_joint, register_bandwidth, shown
 from torchquat.filters._gains import TRANSITION, Entry, Gains, gains
 
@@ -223,7 +224,7 @@ def _times(gain: Entry, v: Tensor) -> Tensor:
 def _held(result: Tensor, unit: Tensor, present: Tensor) -> Tensor:
     """The result, held before the first and after the last present frame."""
     seen = present.to(torch.uint8)
-    since, until = seen.cummax(-2).values, seen.flip(-2).cummax(-2).values.flip(-2)
+    since, until = running_maximum(seen, -2), running_maximum(seen.flip(-2), -2).flip(-2)
     held = missing.interpolate(result, (since > 0) & (until > 0))
     # a joint that is missing throughout keeps what it came with
     return torch.where(present.any(-2, keepdim=True)[..., None], held, unit)

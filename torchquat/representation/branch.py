@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from torchquat import so3
+from torchquat._running import running_maximum, running_product
 
 __all__ = ["continuous_rotvec"]
 
@@ -61,7 +62,7 @@ def _axes(path: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
 def _last(there: Tensor) -> Tensor:
     """Index of the last frame, up to each ``(..., T, J)``, that is there; 0 where none is."""
     frame = torch.arange(there.shape[-2], device=there.device)[:, None].expand(there.shape)
-    return torch.where(there, frame, 0).cummax(-2).values
+    return running_maximum(torch.where(there, frame, 0), -2)
 
 
 def _full_turns(axis: Tensor, angle: Tensor) -> Tensor:
@@ -73,7 +74,7 @@ def _full_turns(axis: Tensor, angle: Tensor) -> Tensor:
     cosine = (axis[..., 1:, :, :] * axis[..., :-1, :, :]).sum(-1)
     turned = torch.round((cosine * angle[..., :-1, :] - angle[..., 1:, :]) / FULL_TURN)
     anew = cosine.abs() < 0.5
-    sign = torch.where(anew | (cosine > 0), 1.0, -1.0).to(angle.dtype).cumprod(-2)
+    sign = running_product(torch.where(anew | (cosine > 0), 1.0, -1.0).to(angle.dtype), -2)
     total = torch.cat([torch.zeros_like(angle[..., :1, :]), (sign * turned).cumsum(-2)], -2)
     # what had been added up before the last new start does not count
     turns = sign * (total[..., 1:, :] - total.gather(-2, _last(anew)))
