@@ -1,5 +1,6 @@
 """Work cut into blocks that fit a cache."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, cast
 
@@ -64,7 +65,7 @@ def in_windows(
         Unit quaternions ``(..., T, J, 4)``.
     """
     batch, frames = padded.shape[:-3], padded.shape[-3] - 2 * reach
-    padded = padded.reshape(batch.numel(), *padded.shape[-3:])
+    padded = padded.reshape(math.prod(batch), *padded.shape[-3:])
     trust = None if trust is None else trust.reshape(padded.shape[:-1])
     tensors = [x for x in shared if isinstance(x, Tensor)]
     known = [x for x in (padded, trust, *tensors) if x is not None]

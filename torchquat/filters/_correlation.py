@@ -140,10 +140,10 @@ def _likelihood(power: Tensor, noisy: Tensor, bands: Tensor, size: Tensor) -> Te
     All are alike before anything is seen. The first coefficient does not count.
     """
     mean = bands / bands.sum(-1, keepdim=True).clamp(min=1.0)
-    scaled = power.unflatten(0, (len(size), -1)) / size[:, None, None].square()
+    scaled = power.unflatten(0, (size.shape[0], -1)) / size[:, None, None].square()
     misfit = times((1.0 / noisy) @ (-0.5 * mean.mT), scaled.flatten(0, 1))
     misfit = misfit - 0.5 * torch.log(noisy).sum(-1)[:, None]
-    each = _log_total(misfit).unflatten(0, (len(size), -1))
+    each = _log_total(misfit).unflatten(0, (size.shape[0], -1))
     degrees = noisy.shape[1] - 1
     return (each - degrees * torch.log(size)[:, None]).flatten(0, 1)
 

@@ -111,9 +111,10 @@ def find_outliers(q: Tensor, present: Tensor, sigma: Tensor | None = None) -> Fo
     there = rows_of(present)
     level = torch.ones_like(there[:, :1], dtype=torch.int64)
     joints = _Joints(quaternions_of(q), there, there, level, rows_of(noise))
-    together = max(BLOCK // there.shape[1], 1) if visible(there) else there.shape[0]
     every = torch.arange(there.shape[0], device=q.device)
-    parts = [_found(joints.at(rows)) for rows in every.split(together)]
+    together = max(BLOCK // there.shape[1], 1)
+    groups = every.split(together) if visible(there) else [every]
+    parts = [_found(joints.at(rows)) for rows in groups]
     good, level = (torch.cat(x) for x in zip(*parts, strict=True))
     return Found(*(x.reshape(*q.shape[:-3], q.shape[-2], -1).mT for x in (good, level)))
 

@@ -3,6 +3,8 @@
 What is done to a row never depends on which others there are.
 """
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -14,7 +16,7 @@ __all__ = ["all_places", "places", "quaternions_of", "rows_of", "shifted", "unro
 
 def rows_of(x: Tensor) -> Tensor:
     """Rows ``(N, T)`` of ``(..., T, J)``, of all joints of all items."""
-    return x.mT.reshape(x.shape[:-2].numel() * x.shape[-1], x.shape[-2])
+    return x.mT.reshape(math.prod(x.shape[:-2]) * x.shape[-1], x.shape[-2])
 
 
 def quaternions_of(q: Tensor) -> Tensor:

@@ -1,5 +1,6 @@
 """Dean's non-local pose means: patch attention along time."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Literal, get_args
 
@@ -103,7 +104,7 @@ def nonlocal_pose_means(
         known = padded.new_ones(padded.shape[:-1]) if trust is None else trust
         charted = padded if chart == "local" else so3.log(padded)
         learned = features(embedding, charted, known, patches)
-        learned = learned.reshape(unit.shape[:-3].numel(), *learned.shape[-2:])
+        learned = learned.reshape(math.prod(unit.shape[:-3]), *learned.shape[-2:])
 
     def moved(window: Window) -> Quaternion:
         planes = _planes.components(window.q)
