@@ -183,35 +183,41 @@ def test_C4_vmap_and_jacrev(run, rng):
 
 
 def exported(run, shortest, rng):
-    q = smooth_motion(frames=shortest + 5, rng=rng)
+    q = smooth_motion(2, frames=shortest + 5, rng=rng).contiguous()
+    batch = torch.export.Dim("batch", min=1, max=10000)
     length = torch.export.Dim("frames", min=shortest, max=10000)
-    return torch.export.export(run, (q,), dynamic_shapes=({0: length},)).module()
+    return torch.export.export(run, (q,), dynamic_shapes=({0: batch, 1: length},)).module()
 
 
-def test_C5_export_with_a_dynamic_length(windowed, rng, request):
+def test_C5_export_with_a_dynamic_batch_and_length(windowed, rng, request):
     """Known limit: an exported lifting scheme of L levels takes 8 * 2^L frames and more."""
     if request.node.callspec.params["windowed"] in ONE_LENGTH:
         limit = pytest.mark.xfail(reason="the length is fixed", raises=FIXED, strict=True)
         request.applymarker(limit)
     shortest = 8 * 2**windowed.levels if isinstance(windowed, LiftingDenoiser) else 2
     program = exported(windowed, shortest, rng)
-    for frames in (shortest, shortest + 5, 4096):
-        q = smooth_motion(frames=1, rng=rng).expand(frames, 3, 4).clone()
-        q[frames // 2 :] = so3.compose(q[:1], so3.exp(torch.full((3,), 0.5, dtype=q.dtype)))
+    for batch, frames in ((1, shortest), (3, shortest + 5), (1, 4096)):
+        q = smooth_motion(batch, frames=1, rng=rng).expand(batch, frames, 3, 4).clone()
+        turn = so3.exp(torch.full((3,), 0.5, dtype=q.dtype))
+        q[:, frames // 2 :] = so3.compose(q[:, :1], turn)
         assert_same_rotation(program(q), windowed(q))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*ONE_LENGTH, *RECURSIVE])
+def test_C5_export_of_one_length_with_a_dynamic_batch(name, rng):
+    run, q = FILTERS[name], smooth_motion(2, frames=7, rng=rng).contiguous()
+    batch = torch.export.Dim("batch", min=1, max=10000)
+    program = torch.export.export(run, (q,), dynamic_shapes=({0: batch},)).module()
+    for items in (1, 2, 5):
+        q = smooth_motion(items, frames=7, rng=rng).contiguous()
+        assert_same_rotation(program(q), run(q))
 
 
 @pytest.mark.slow
 @pytest.mark.xfail(reason="the length is fixed", raises=FIXED, strict=True)
 def test_C5_known_limit_recursive_filters_export_one_length(recursive, rng):
     exported(recursive, 2, rng)
-
-
-@pytest.mark.slow
-def test_C5_export_of_recursive_filters_with_one_length(recursive, rng):
-    q = smooth_motion(frames=6, rng=rng)
-    program = torch.export.export(recursive, (q,)).module()
-    assert_same_rotation(program(q.flip(0)), recursive(q.flip(0)))
 
 
 @pytest.mark.filterwarnings("ignore:Anomaly Detection has been enabled")

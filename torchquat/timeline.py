@@ -133,12 +133,17 @@ def pad(
 def _source(wanted: Tensor, frames: int, boundary: Boundary) -> Tensor:
     """The frame inside the sequence that stands at each wanted place."""
     if boundary == "circular":
-        return wanted.remainder(frames)
+        return _modulo(wanted, frames)
     if boundary == "reflect":
         period = max(2 * (frames - 1), 1)
-        folded = wanted.remainder(period)
+        folded = _modulo(wanted, period)
         return torch.where(folded < frames, folded, period - folded)
     return wanted.clamp(0, frames - 1)
+
+
+def _modulo(wanted: Tensor, period: int) -> Tensor:
+    """Remainders >= 0; of a tensor, since ONNX takes no open length for a number here."""
+    return wanted.remainder(torch.full((1,), period, device=wanted.device))
 
 
 def _continued(q: Tensor, edges: list[Tensor], overshoot: Tensor) -> list[Tensor]:

@@ -200,7 +200,7 @@ def _bayes(length: Tensor, valid: Tensor, sigma: Tensor, count: Tensor) -> Tenso
 def _sorted(length: Tensor, valid: Tensor) -> tuple[Tensor, Tensor]:
     """Norms in rising order, those that do not count last, and 1 where they count."""
     key = torch.where(valid, length, torch.inf).detach()
-    order = key.argsort(dim=-3, stable=True)
+    order = key.sort(-3).indices
     counts = valid.to(length.dtype).gather(-3, order)
     return length.gather(-3, order) * counts, counts
 
