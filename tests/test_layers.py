@@ -33,6 +33,7 @@ RANKS = {
     "torchquat.filters": 7,
     "torchquat._online": 8,
     "torchquat.io": 8,
+    "torchquat.chunks": 9,
     "torchquat.streaming": 9,
     "torchquat": 10,
 }

@@ -1,6 +1,7 @@
 """Denoise sequences of rotations: batched, differentiable PyTorch filters on unit quaternions."""
 
 from torchquat import io, metrics, noise, so3
+from torchquat.chunks import in_chunks
 from torchquat.filters import (
     AutoDenoiser,
     BezierPredict,
@@ -105,6 +106,7 @@ __all__ = [
     "fill_missing",
     "gaussian_filter",
     "hampel_filter",
+    "in_chunks",
     "io",
     "kalman_smoother",
     "kernel_pca_filter",
