@@ -1,13 +1,14 @@
 """Which files a command reads, and where each result goes."""
 
 import glob
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from torchquat.io.files import FORMATS
 
-__all__ = ["ESTIMATORS", "Task", "plan"]
+__all__ = ["ESTIMATORS", "Task", "plan", "shard"]
 
 PICKLES = (".pkl",)
 ESTIMATORS = (".pt", *PICKLES)
@@ -15,10 +16,17 @@ READ = (*FORMATS, *ESTIMATORS)
 
 
 class Task(NamedTuple):
-    """One file to read, and the file to write."""
+    """One file to read, and the file to write.
+
+    Attributes:
+        source: To read.
+        target: To write.
+        place: The target's place in the output folder.
+    """
 
     source: Path
     target: Path
+    place: Path
 
 
 def plan(inputs: Sequence[str], output: Path, *, pickles: bool = False) -> list[Task]:
@@ -35,9 +43,11 @@ def plan(inputs: Sequence[str], output: Path, *, pickles: bool = False) -> list[
     for text in inputs:
         if not Path(text).exists() and not glob.has_magic(text):
             raise ValueError(f"{text}: no such file or folder")
+        if Path(text).is_file() and not _ends_in(Path(text), READ):
+            raise ValueError(f"{text}: expected a name that ends in {' or '.join(READ)}")
     one_file = len(inputs) == 1 and Path(inputs[0]).is_file() and not output.is_dir()
     if one_file and output.suffix.lower() in READ:
-        return [Task(Path(inputs[0]), output)]
+        return [Task(Path(inputs[0]), output, Path(output.name))]
     if output.exists() and not output.is_dir():
         raise ValueError(f"{output}: expected a folder for {', '.join(inputs)}, got a file")
     tasks: dict[Path, Task] = {}
@@ -47,7 +57,8 @@ def plan(inputs: Sequence[str], output: Path, *, pickles: bool = False) -> list[
         if not found:
             raise ValueError(f"{text}: expected files in {' or '.join(endings)}, got none")
         for source, place in found:
-            task = Task(source, output / place)
+            task = Task(source, output / place, place)
+            _check_inside(task, output)
             twin = tasks.setdefault(_key(task.target), task)
             if twin.source.resolve() != source.resolve():
                 raise ValueError(f"{task.target}: {twin.source} and {source} would both go there")
@@ -69,6 +80,30 @@ def _find(text: str, output: Path, endings: Sequence[str]) -> Iterator[tuple[Pat
         for source in sorted(base.glob(str(path.relative_to(base)))):
             if _ends_in(source, endings):
                 yield source, source.relative_to(base)
+
+
+def _check_inside(task: Task, output: Path) -> None:
+    """Raise if a link leads a result out of the output folder."""
+    if not task.target.resolve().is_relative_to(output.resolve()):
+        raise ValueError(f"{task.target}: expected a place in {output}, got a link out of it")
+
+
+def shard(tasks: Sequence[Task], part: str | None) -> list[Task]:
+    """The tasks of one of several machines.
+
+    Args:
+        tasks: All, in the same order on every machine.
+        part: ``I/N``: the I-th of N parts, from 1; ``None``: all.
+
+    Raises:
+        ValueError: If ``part`` is no such pair.
+    """
+    if part is None:
+        return list(tasks)
+    match = re.fullmatch(r"(\d+)/(\d+)", part.strip())
+    if match is None or not 1 <= int(match[1]) <= int(match[2]):
+        raise ValueError(f"shard must be I/N with 1 <= I <= N, got {part!r}.")
+    return list(tasks[int(match[1]) - 1 :: int(match[2])])
 
 
 def _ends_in(path: Path, endings: Sequence[str]) -> bool:

@@ -1,18 +1,28 @@
 """What is done to one file: read, filter, write, and say in one line what came of it."""
 
-from dataclasses import dataclass
+import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from _batch import ESTIMATORS, Task
 from _command import one_line
 from _filter_config import FilterConfig
+from torch import nn
 
-from torchquat import fill_missing, io, metrics
+from torchquat import fill_missing, in_chunks, io, metrics
+from torchquat.chunks import window_of
 from torchquat.io import Motion
 
-__all__ = ["Options", "denoise", "process"]
+__all__ = ["DONE", "FAILED", "SKIPPED", "Options", "Outcome", "denoise", "process", "read"]
+
+DONE, SKIPPED, FAILED = "done", "skipped", "failed"
+STEPS = ("read", "filter", "write")
 
 
 @dataclass(frozen=True)
@@ -21,78 +31,169 @@ class Options:
 
     Attributes:
         config: Which filter.
-        overwrite: Whether an output that exists is replaced.
+        overwrite: Whether an output that exists is made again.
         frame_rate: Of files that do not hold theirs.
         trust_pickle: Whether pickles may be run.
+        report: Folder for pictures and pages; ``None``: none are made.
+        device: Where the filter runs.
     """
 
     config: FilterConfig
     overwrite: bool = False
     frame_rate: float = 30.0
     trust_pickle: bool = False
+    report: Path | None = None
+    device: str = "cpu"
 
 
-def process(task: Task, options: Options) -> tuple[bool, str]:
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a file.
+
+    Attributes:
+        task: Which.
+        status: ``done``, ``skipped`` or ``failed``.
+        line: What was done, or what was wrong.
+        figures: Of each track: frames, joints, missing samples, jitter, peak speed.
+        seconds: For each step.
+    """
+
+    task: Task
+    status: str
+    line: str
+    figures: tuple[dict[str, Any], ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def frames(self) -> int:
+        """Frames of all tracks."""
+        return sum(figures["frames"] for figures in self.figures)
+
+    def record(self) -> dict[str, Any]:
+        """For the manifest."""
+        return {
+            "input": str(self.task.source),
+            "output": str(self.task.target),
+            "status": self.status,
+            "frames": self.frames,
+            "figures": [{k: _written(v) for k, v in each.items()} for each in self.figures],
+            "seconds": {step: round(taken, 4) for step, taken in self.seconds.items()},
+            "error": self.line if self.status == FAILED else None,
+            "time": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        }
+
+
+def process(task: Task, options: Options) -> Outcome:
     """Read, filter and write one file.
 
     Returns:
-        Whether it was done, and a line that says what was done or what was wrong.
+        What became of it; an output that exists is a finished one, unless it may be overwritten.
     """
+    if task.target.exists() and not options.overwrite:
+        line = f"{task.source} -> {task.target}: exists, skipped; --overwrite makes it again"
+        return Outcome(task, SKIPPED, line)
     try:
-        if task.target.exists() and not options.overwrite:
-            raise ValueError(f"{task.target}: exists; --overwrite replaces it")
-        clean = _clean_estimate if _is_estimate(task.source) else _clean_motion
-        line = clean(task, options)
+        return _cleaned(task, options)
     except (ValueError, OSError) as error:
         text = one_line(error)
     except Exception as error:  # a batch goes on, whatever one file does
         text = f"{type(error).__name__}: {one_line(error)}"
-    else:
-        return True, f"{task.source} -> {task.target}: {line}"
-    return False, text if str(task.source) in text else f"{task.source}: {text}"
+    return Outcome(task, FAILED, text if str(task.source) in text else f"{task.source}: {text}")
 
 
-def denoise(motion: Motion, config: FilterConfig) -> Motion:
+def denoise(motion: Motion, config: FilterConfig, device: str = "cpu") -> Motion:
     """Filter all rotations; missing frames come back filled.
 
     Args:
         motion: Rotations with a frame rate, which times in the config are converted with.
         config: Which filter.
+        device: Where it runs.
 
     Returns:
         The motion with other rotations. Joints that never move keep theirs to the last bit.
     """
+    run = config.build(motion.frame_rate).to(device)
+    q, weight = motion.q.to(device), None if motion.weight is None else motion.weight.to(device)
     with torch.inference_mode():
-        filtered = config.build(motion.frame_rate)(motion.q, motion.weight)
+        # memory does not grow with the length where the window is known
+        filtered = in_chunks(run, q, weight) if _sees_a_window(run) else run(q, weight)
     still = (motion.q == motion.q[:1]).all(-1).all(0)
     if motion.weight is not None:
         still &= motion.valid.all(0)
-    return motion.with_rotations(torch.where(still[:, None], motion.q, filtered))
+    return motion.with_rotations(torch.where(still[:, None], motion.q, filtered.cpu()))
 
 
-def _clean_motion(task: Task, options: Options) -> str:
-    before = io.load(task.source)
-    after = denoise(before, options.config)
-    line = _summary(before, after)
-    task.target.parent.mkdir(parents=True, exist_ok=True)
-    io.save(after, task.target)
-    return line
+def read(path: Path, options: Options) -> tuple[dict[str, Motion], io.Estimate | None]:
+    """All motions of a file by name, one without a name unless it is an estimator's.
 
-
-def _clean_estimate(task: Task, options: Options) -> str:
-    """All tracks of an estimator's file."""
-    estimate = io.load_estimate(task.source, trust_pickle=options.trust_pickle)
+    Raises:
+        ValueError: If it is not what its format promises.
+        OSError: If it cannot be read.
+    """
+    if not _is_estimate(path):
+        return {"": io.load(path)}, None
+    estimate = io.load_estimate(path, trust_pickle=options.trust_pickle)
     if estimate.frame_rate is None:
         estimate = io.load_estimate(
-            task.source, frame_rate=options.frame_rate, trust_pickle=options.trust_pickle
+            path, frame_rate=options.frame_rate, trust_pickle=options.trust_pickle
         )
-    before = {name: estimate.motion(name) for name in estimate.tracks}
-    after = {name: denoise(motion, options.config) for name, motion in before.items()}
-    lines = [f"{name}: {_summary(before[name], after[name])}" for name in before]
-    task.target.parent.mkdir(parents=True, exist_ok=True)
-    clean = estimate.with_rotations({name: motion.q for name, motion in after.items()})
-    io.save_estimate(clean, task.target)
-    return f"{estimate.producer}; " + "; ".join(lines)
+    return {name: estimate.motion(name) for name in estimate.tracks}, estimate
+
+
+def _cleaned(task: Task, options: Options) -> Outcome:
+    seconds: dict[str, float] = {step: 0.0 for step in STEPS}
+    with _timed(seconds, "read"):
+        before, estimate = read(task.source, options)
+    with _timed(seconds, "filter"):
+        after = {
+            name: denoise(motion, options.config, options.device) for name, motion in before.items()
+        }
+    with _timed(seconds, "write"):
+        task.target.parent.mkdir(parents=True, exist_ok=True)
+        if estimate is None:
+            io.save(after[""], task.target)
+        else:
+            turned = {name: motion.q for name, motion in after.items()}
+            io.save_estimate(estimate.with_rotations(turned), task.target)
+    figures = {name: _figures(before[name], after[name]) for name in before}
+    lines = [f"{name}: {_said(each)}" if name else _said(each) for name, each in figures.items()]
+    line = "; ".join(lines if estimate is None else [estimate.producer, *lines])
+    if options.report is not None:
+        try:
+            _report(task, before, after, options.report)
+        except (ValueError, OSError) as error:
+            raise ValueError(f"{task.source}: cleaned, but no report: {one_line(error)}") from None
+    named = tuple({"track": name, **each} if name else each for name, each in figures.items())
+    return Outcome(task, DONE, f"{task.source} -> {task.target}: {line}", named, seconds)
+
+
+def _report(task: Task, before: dict[str, Motion], after: dict[str, Motion], folder: Path) -> None:
+    from _report import write_report  # what draws takes seconds to load
+
+    for name in before:
+        title = f"{task.source.name}, {name}" if name else task.source.name
+        place = folder / task.place / name if name else folder / task.place
+        write_report(before[name], after[name], place, title)
+
+
+def _written(value: Any) -> Any:
+    """For JSON, which has no NaN."""
+    return value if not isinstance(value, float) or math.isfinite(value) else None
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], step: str) -> Iterator[None]:
+    start = time.perf_counter()
+    yield
+    seconds[step] += time.perf_counter() - start
+
+
+def _sees_a_window(run: nn.Module) -> bool:
+    try:
+        window_of(run)
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def _is_estimate(path: Path) -> bool:
@@ -107,19 +208,31 @@ def _is_estimate(path: Path) -> bool:
         return False
 
 
-def _summary(before: Motion, after: Motion) -> str:
-    """One line: frames, what was missing, jitter before and after, peak speed kept."""
+def _figures(before: Motion, after: Motion) -> dict[str, Any]:
     valid = before.valid
-    gaps = int((~valid).sum())
     filled = fill_missing(before.q, before.weight)
     jitter = [float(metrics.jitter(q, frame_rate=before.frame_rate)) for q in (filled, after.q)]
-    parts = [f"{len(before.q)} frames"]
-    if gaps:
-        empty = int((~valid).all(-1).sum())
+    return {
+        "frames": len(before.q),
+        "joints": len(before.names),
+        "missing": int((~valid).sum()),
+        "empty_frames": int((~valid).all(-1).sum()),
+        "jitter_before": jitter[0],
+        "jitter_after": jitter[1],
+        "peak_speed_kept": float(metrics.peak_speed_kept(after.q, filled)),
+    }
+
+
+def _said(figures: dict[str, Any]) -> str:
+    """One line: frames, what was missing, jitter before and after, peak speed kept."""
+    before, after = figures["jitter_before"], figures["jitter_after"]
+    parts = [f"{figures['frames']} frames"]
+    if figures["missing"]:
         parts.append(
-            f"{gaps} of {valid.numel()} joint samples missing ({empty} whole frames), filled"
+            f"{figures['missing']} of {figures['frames'] * figures['joints']} joint samples "
+            f"missing ({figures['empty_frames']} whole frames), filled"
         )
-    change = f" ({jitter[1] / jitter[0] - 1:+.0%})" if jitter[0] > 0 else ""
-    parts.append(f"jitter {jitter[0]:,.0f} -> {jitter[1]:,.0f} rad/s^3{change}")
-    parts.append(f"peak speed kept {float(metrics.peak_speed_kept(after.q, filled)):.0%}")
+    change = f" ({after / before - 1:+.0%})" if before > 0 else ""
+    parts.append(f"jitter {before:,.0f} -> {after:,.0f} rad/s^3{change}")
+    parts.append(f"peak speed kept {figures['peak_speed_kept']:.0%}")
     return ", ".join(parts)

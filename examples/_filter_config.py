@@ -13,7 +13,9 @@ from torch import nn
 
 import torchquat
 
-__all__ = ["FilterConfig", "filter_names", "in_frames", "read_config"]
+__all__ = ["FilterConfig", "filter_names", "find_config", "in_frames", "read_config", "shown"]
+
+CONFIGS = Path(__file__).parents[1] / "configs"
 
 TIMES = ("sigma_t", "radius", "patch_radius", "search_radius", "window")
 """Arguments in frames: ``25ms`` and ``0.1s`` are converted with the frame rate of the file."""
@@ -122,6 +124,25 @@ def read_config(
     return FilterConfig(
         class_path or section["class_path"], {**arguments, **(init_args or {})}, origin
     )
+
+
+def find_config(name: str) -> Path:
+    """A file, or the preset of this name.
+
+    Raises:
+        ValueError: If there is neither.
+    """
+    for path in (Path(name), CONFIGS / f"{name}.yaml"):
+        if path.exists():
+            return path
+    presets = ", ".join(sorted(path.stem for path in CONFIGS.glob("*.yaml")))
+    raise ValueError(f"{name}: expected a YAML file or one of {presets}")
+
+
+def shown(config: FilterConfig) -> str:
+    """A filter as YAML that :func:`read_config` takes."""
+    section = {"class_path": config.class_path, "init_args": config.init_args}
+    return yaml.safe_dump({"filter": section}, sort_keys=False)
 
 
 def in_frames(key: str, value: Any, frame_rate: float) -> Any:

@@ -54,10 +54,12 @@ def run(*arguments) -> int:
 
 
 def one_error_line(capsys) -> str:
+    """Besides what the noise is estimated to be."""
     captured = capsys.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1, captured
-    assert captured.err.startswith("error: ")
-    return captured.err
+    lines = [x for x in captured.err.splitlines(True) if not x.startswith("noise of ")]
+    assert captured.out == "" and len(lines) == 1, captured
+    assert lines[0].startswith("error: ")
+    return lines[0]
 
 
 def test_a_file_comes_out_smooth_and_complete(walk, motion, tmp_path, capsys):
@@ -247,8 +249,6 @@ def test_E11_wrong_configs_name_file_key_and_valid_keys(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "required"),
-        (("{walk}",), "output"),
         (("{walk}", "--output", "x.npz", "--workers", "two"), "workers"),
         (("{walk}", "--output", "x.npz", "--turbo"), "turbo"),
     ],
@@ -258,9 +258,16 @@ def test_wrong_arguments_are_one_line(arguments, message, walk, capsys):
     assert message in one_error_line(capsys)
 
 
-def test_workers_must_be_positive(walk, tmp_path, capsys):
-    assert run(walk, "--output", tmp_path / "x.npz", "--workers", 0) == 1
-    assert "workers must be >= 1, got 0" in one_error_line(capsys)
+@pytest.mark.parametrize("arguments", [(), ("{walk}",), ("--output", "x.npz")])
+def test_what_is_needed_is_said(arguments, walk, capsys):
+    assert run(*(argument.format(walk=walk) for argument in arguments)) == 1
+    assert "expected INPUT and --output OUT; --help shows how" in one_error_line(capsys)
+
+
+@pytest.mark.parametrize("name", ["workers", "threads"])
+def test_workers_and_threads_must_be_positive(name, walk, tmp_path, capsys):
+    assert run(walk, "--output", tmp_path / "x.npz", f"--{name}", 0) == 1
+    assert f"{name} must be >= 1, got 0" in one_error_line(capsys)
 
 
 @pytest.mark.parametrize("name", ["nowhere.bvh", "nowhere", "empty", "empty/*.bvh", "notes.txt"])
@@ -275,9 +282,9 @@ def test_F2_inputs_that_are_not_there(name, tmp_path, capsys):
 def test_existing_outputs_are_kept_unless_told(walk, tmp_path, capsys):
     out = tmp_path / "out.npz"
     out.write_bytes(b"mine")
-    assert run(walk, "--output", out) == 1
+    assert run(walk, "--output", out) == 0
     assert out.read_bytes() == b"mine"
-    assert "exists; --overwrite replaces it" in capsys.readouterr().err
+    assert "exists, skipped; --overwrite makes it again" in capsys.readouterr().out
     assert run(walk, "--output", out, "--overwrite") == 0
     assert run(walk, "--output", walk, "--overwrite") == 0
 
@@ -296,22 +303,12 @@ def folder(tmp_path):
 
 def test_F1_F4_one_bad_file_among_many(folder, tmp_path, capsys):
     assert run(folder, "--output", tmp_path / "out") == 1
-    found = sorted(p.relative_to(tmp_path / "out") for p in (tmp_path / "out").rglob("*.*"))
+    found = sorted(p.relative_to(tmp_path / "out") for p in (tmp_path / "out").rglob("*.[bB]*"))
     assert found == [Path("a.bvh"), Path("deep er/b\u00fc.BVH")]
     captured = capsys.readouterr()
     assert captured.out.count("20 frames") == 2
     assert "bad.bvh:10:5: expected a number, got 'x'" in captured.err
     assert captured.err.endswith("error: 1 of 3 files failed\n")
-
-
-def test_F6_workers_write_the_same_bytes(folder, tmp_path, capsys):
-    (folder / "bad.bvh").unlink()
-    for workers in (1, 2):
-        assert run(folder, "--output", tmp_path / f"out{workers}", "--workers", workers) == 0
-    for name in ("a.bvh", "deep er/b\u00fc.BVH"):
-        one, two = ((tmp_path / f"out{workers}" / name).read_bytes() for workers in (1, 2))
-        assert one == two
-    assert capsys.readouterr().out.count("peak speed kept") == 4
 
 
 def test_globs_and_several_inputs(folder, tmp_path, capsys):
@@ -349,12 +346,12 @@ def test_F3_an_interrupt_leaves_nothing_half_written(walk, tmp_path, capsys, mon
 
     monkeypatch.setattr(os, "fsync", interrupt)
     assert run(walk, "--output", tmp_path / "out.npz") == 130
-    assert capsys.readouterr().err == "interrupted\n"
+    assert capsys.readouterr().err.endswith("interrupted\n")
     assert not [p for p in tmp_path.iterdir() if p.name != "in"]
 
 
 def test_a_surprise_is_one_line_and_the_batch_goes_on(folder, tmp_path, capsys, monkeypatch):
-    def broken(motion, config):
+    def broken(motion, config, device):
         raise RuntimeError("first line\nsecond line")
 
     monkeypatch.setattr(_cleaning, "denoise", broken)

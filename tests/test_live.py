@@ -61,7 +61,10 @@ def test_what_is_played_comes_out_in_time_and_as_offline(monkeypatch):
     ("extra", "message"),
     [
         (["--joint", "Tail"], "joint must be one of Hips, "),
-        (["--config", str(ROOT / "configs" / "auto.yaml")], "auto.yaml: filter must see a window"),
+        (
+            ["--config", str(ROOT / "configs" / "default.yaml")],
+            "default.yaml: filter must see a window",
+        ),
         (["--filter.init_args.boundary", "circular"], "boundary must be known before"),
         (["nothing.bvh"], "nothing.bvh"),
     ],

@@ -1,0 +1,107 @@
+"""Work on a Ray cluster: actors that hold the filter, file paths as work items."""
+
+import logging
+import os
+import sys
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from _batch import Task
+from _cleaning import FAILED, Options, Outcome, process
+from _engines import DEAD
+
+try:
+    import ray
+    from ray.exceptions import RayActorError
+except ImportError:
+    raise ValueError("--engine ray needs Ray: pip install 'torchquat[ray]'") from None
+
+__all__ = ["on_ray"]
+
+TRIES = 2
+
+
+class _Cleaner:
+    """One worker."""
+
+    def __init__(self, options: Options, threads: int, folder: str) -> None:
+        torch.set_num_threads(threads)
+        os.chdir(folder)  # paths are relative to it
+        self.options = options
+
+    def clean(self, task: Task) -> Outcome:
+        """Read, filter and write one file."""
+        return process(task, self.options)
+
+
+def on_ray(
+    tasks: Sequence[Task], options: Options, *, workers: int, threads: int, address: str | None
+) -> Iterator[Outcome]:
+    """Work on several files at once, on this machine or a cluster.
+
+    Paths must mean the same on every machine, and ``torchquat`` must be installed there. An actor
+    that dies is replaced, and its file tried once more.
+
+    Args:
+        tasks: Files to read and write.
+        options: What holds for all; the filter runs on a GPU where the cluster has any.
+        workers: Actors.
+        threads: Of each.
+        address: Of a running cluster; ``None``: one is started here, for as long as it takes.
+
+    Yields:
+        What became of each file.
+    """
+    ray.init(
+        address=address,
+        num_cpus=None if address else max(workers * threads, 1),
+        include_dashboard=False if address is None else None,
+        log_to_driver=False,
+        logging_level=logging.ERROR,
+        runtime_env=_environment(address),
+    )
+    try:
+        gpus = int(ray.cluster_resources().get("GPU", 0))
+        if gpus:
+            options = Options(**{**vars(options), "device": "cuda"})
+        folder = str(Path.cwd())
+        share = min(gpus / workers, 1.0)
+        kind = ray.remote(num_cpus=threads, num_gpus=share)(_Cleaner)
+        yield from _handed_out(tasks, lambda: kind.remote(options, threads, folder), workers)
+    finally:
+        ray.shutdown()
+
+
+def _handed_out(tasks: Sequence[Task], new_actor: Any, workers: int) -> Iterator[Outcome]:
+    """One file at a time for every actor."""
+    waiting, tries = deque(tasks), Counter[Task]()
+    idle = [new_actor() for _ in range(min(workers, len(waiting)))]
+    running: dict[Any, tuple[Any, Task]] = {}
+    while waiting or running:
+        while waiting and idle:
+            actor, task = idle.pop(), waiting.popleft()
+            tries[task] += 1
+            running[actor.clean.remote(task)] = actor, task
+        done, _ = ray.wait(list(running))
+        for reference in done:
+            actor, task = running.pop(reference)
+            try:
+                yield ray.get(reference)
+                idle.append(actor)
+            except RayActorError:
+                idle.append(new_actor())
+                if tries[task] < TRIES:
+                    waiting.append(task)
+                else:
+                    yield Outcome(task, FAILED, f"{task.source}: {DEAD}")
+
+
+def _environment(address: str | None) -> dict[str, Any]:
+    """What actors need besides the installed packages: the files beside this one."""
+    if address is None:
+        path = [str(Path(__file__).parent), *filter(None, sys.path)]
+        return {"env_vars": {"PYTHONPATH": os.pathsep.join(path)}}
+    return {"working_dir": str(Path(__file__).parent), "excludes": ["data"]}
