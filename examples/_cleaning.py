@@ -1,5 +1,6 @@
 """What is done to one file: read, filter, write, and say in one line what came of it."""
 
+import importlib
 import math
 import time
 from collections.abc import Iterator
@@ -19,10 +20,20 @@ from torchquat import fill_missing, in_chunks, io, metrics
 from torchquat.chunks import window_of
 from torchquat.io import Motion
 
-__all__ = ["DONE", "FAILED", "SKIPPED", "Options", "Outcome", "denoise", "process", "read"]
+__all__ = [
+    "DONE",
+    "FAILED",
+    "SKIPPED",
+    "Options",
+    "Outcome",
+    "denoise",
+    "process",
+    "read",
+    "warm_up",
+]
 
 DONE, SKIPPED, FAILED = "done", "skipped", "failed"
-STEPS = ("read", "filter", "write")
+STEPS = ("read", "filter", "write", "measure")
 
 
 @dataclass(frozen=True)
@@ -155,7 +166,8 @@ def _cleaned(task: Task, options: Options) -> Outcome:
         else:
             turned = {name: motion.q for name, motion in after.items()}
             io.save_estimate(estimate.with_rotations(turned), task.target)
-    figures = {name: _figures(before[name], after[name]) for name in before}
+    with _timed(seconds, "measure"):
+        figures = {name: _figures(before[name], after[name]) for name in before}
     lines = [f"{name}: {_said(each)}" if name else _said(each) for name, each in figures.items()]
     line = "; ".join(lines if estimate is None else [estimate.producer, *lines])
     if options.report is not None:
@@ -167,8 +179,14 @@ def _cleaned(task: Task, options: Options) -> Outcome:
     return Outcome(task, DONE, f"{task.source} -> {task.target}: {line}", named, seconds)
 
 
+def warm_up(threads: int) -> None:
+    """Make a new process ready, so that its first file takes no longer than others."""
+    torch.set_num_threads(threads)
+    importlib.import_module("roma")  # which loads a compiler
+
+
 def _report(task: Task, before: dict[str, Motion], after: dict[str, Motion], folder: Path) -> None:
-    from _report import write_report  # what draws takes seconds to load
+    from _clip_report import write_report  # what draws takes seconds to load
 
     for name in before:
         title = f"{task.source.name}, {name}" if name else task.source.name

@@ -10,7 +10,7 @@ from multiprocessing import get_context
 
 import torch
 from _batch import Task
-from _cleaning import FAILED, Options, Outcome, process
+from _cleaning import FAILED, Options, Outcome, process, warm_up
 
 __all__ = ["DEAD", "Engine", "locally"]
 
@@ -92,7 +92,7 @@ def _in_a_pool(
 def _begin(threads: int) -> None:
     """In every new process; an interrupt is for the one that hands out the work."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    torch.set_num_threads(threads)
+    warm_up(threads)
 
 
 @contextmanager

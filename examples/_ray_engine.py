@@ -8,9 +8,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import torch
 from _batch import Task
-from _cleaning import FAILED, Options, Outcome, process
+from _cleaning import FAILED, Options, Outcome, process, warm_up
 from _engines import DEAD
 
 try:
@@ -28,7 +27,7 @@ class _Cleaner:
     """One worker."""
 
     def __init__(self, options: Options, threads: int, folder: str) -> None:
-        torch.set_num_threads(threads)
+        warm_up(threads)
         os.chdir(folder)  # paths are relative to it
         self.options = options
 

@@ -72,7 +72,7 @@ def test_every_file_has_a_line_in_the_manifest(archive, tmp_path):
     assert good["frames"] == 13 and good["error"] is None
     (figures,) = good["figures"]
     assert 0 < figures["jitter_after"] < figures["jitter_before"] and figures["joints"] == 1
-    assert set(good["seconds"]) == {"read", "filter", "write"}
+    assert set(good["seconds"]) == {"read", "filter", "write", "measure"}
 
 
 def test_half_a_line_of_a_killed_run_is_ended(tmp_path):
