@@ -3,6 +3,7 @@
 import glob
 import re
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,6 +46,7 @@ def plan(inputs: Sequence[str], output: Path, *, pickles: bool = False) -> list[
             raise ValueError(f"{text}: no such file or folder")
         if Path(text).is_file() and not _ends_in(Path(text), READ):
             raise ValueError(f"{text}: expected a name that ends in {' or '.join(READ)}")
+    _resolved.cache_clear()  # links may have changed
     one_file = len(inputs) == 1 and Path(inputs[0]).is_file() and not output.is_dir()
     if one_file and output.suffix.lower() in READ:
         return [Task(Path(inputs[0]), output, Path(output.name))]
@@ -60,7 +62,7 @@ def plan(inputs: Sequence[str], output: Path, *, pickles: bool = False) -> list[
             task = Task(source, output / place, place)
             _check_inside(task, output)
             twin = tasks.setdefault(_key(task.target), task)
-            if twin.source.resolve() != source.resolve():
+            if twin is not task and twin.source.resolve() != source.resolve():
                 raise ValueError(f"{task.target}: {twin.source} and {source} would both go there")
     return list(tasks.values())
 
@@ -84,8 +86,15 @@ def _find(text: str, output: Path, endings: Sequence[str]) -> Iterator[tuple[Pat
 
 def _check_inside(task: Task, output: Path) -> None:
     """Raise if a link leads a result out of the output folder."""
-    if not task.target.resolve().is_relative_to(output.resolve()):
+    folder = _resolved(task.target.parent)
+    target = task.target.resolve() if task.target.is_symlink() else folder / task.target.name
+    if not target.is_relative_to(_resolved(output)):
         raise ValueError(f"{task.target}: expected a place in {output}, got a link out of it")
+
+
+@lru_cache(maxsize=1024)
+def _resolved(folder: Path) -> Path:
+    return folder.resolve()
 
 
 def shard(tasks: Sequence[Task], part: str | None) -> list[Task]:

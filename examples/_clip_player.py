@@ -97,9 +97,10 @@ def _recorded(
     server: viser.ViserServer, first: Tensor, second: Tensor, marked: Tensor, frame_rate: float
 ) -> str:
     server.scene.set_up_direction("+y")
-    server.initial_camera.position = (0.0, 0.15, 2.1)
+    # from afar: seen from nearby, one would be turned to the left and the other to the right
+    server.initial_camera.position = (0.0, 0.6, 15.0)
     server.initial_camera.look_at = (0.0, 0.0, 0.0)
-    server.initial_camera.fov = math.radians(40.0)
+    server.initial_camera.fov = math.radians(6.0)
     sides = []
     for name, drawn, side in (("before", first, -APART), ("after", second, APART)):
         points = (drawn + drawn.new_tensor([side, 0.0, 0.0])).float().numpy()

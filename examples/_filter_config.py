@@ -71,7 +71,8 @@ class FilterConfig:
         for key, value in given.items():
             try:
                 arguments[key] = in_frames(key, value, frame_rate)
-                if key in FREQUENCIES and _has_unit(value) and "frame_rate" in parameters:
+                in_hertz = key in FREQUENCIES and _QUANTITY.fullmatch(str(value).strip())
+                if in_hertz and _has_unit(value) and "frame_rate" in parameters:
                     arguments[key] *= float(given["frame_rate"])
             except ValueError as error:
                 raise ValueError(f"{self.origin}: filter.init_args.{key}: {error}") from None
@@ -83,6 +84,10 @@ class FilterConfig:
             raise ValueError(f"{self.origin}: {self.class_path}: {error}") from None
 
     def _class(self) -> type[nn.Module]:
+        if not isinstance(self.class_path, str):
+            raise ValueError(
+                f"{self.origin}: filter.class_path: expected a name, got {self.class_path!r}"
+            )
         module, _, name = self.class_path.rpartition(".")
         try:
             found = getattr(importlib.import_module(module) if module else torchquat, name, None)
@@ -113,10 +118,13 @@ def read_config(
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: expected YAML: {error}") from None
+        raise ValueError(f"{path}: expected YAML: {' '.join(str(error).split())}") from None
     content = _mapping(path, "", content, ("filter",))
     section = _mapping(path, "filter", content["filter"], ("class_path", "init_args"))
-    arguments = dict(section.get("init_args") or {})
+    arguments = section.get("init_args") or {}
+    if not isinstance(arguments, dict):
+        raise ValueError(f"{path}: filter.init_args: expected a mapping, got {arguments!r}")
+    arguments = dict(arguments)
     if class_path is not None and class_path != section["class_path"]:
         arguments = {}
     # what was said on the command line is not the file's fault

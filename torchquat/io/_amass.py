@@ -9,6 +9,7 @@ import numpy as np
 from torchquat.io._places import Part, Place
 from torchquat.io._smpl import joint_names, leaf, read_parameters
 from torchquat.io._trees import keys_of
+from torchquat.io._zip import said
 from torchquat.io.estimate import Layout, Track, read_track
 from torchquat.io.motion import FormatError
 from torchquat.io.npz import FRAME_RATES, PARTS
@@ -35,7 +36,7 @@ def frame_rate(path: Path, tree: Mapping[str, Any]) -> float | None:
             array = np.asarray(tree[key]).reshape(-1)
             number = float(array[0]) if array.size == 1 and array.dtype.kind in "fiu" else 0.0
             if not 0 < number < float("inf"):
-                raise FormatError(f"{path}: {key}: expected frames per second, got {array}")
+                raise FormatError(f"{path}: {key}: expected frames per second, got {said(array)}")
             return number
     return None
 

@@ -1,7 +1,8 @@
 """``results/*.pkl`` of PHALP and of 4D-Humans, which tracks with it: people frame by frame."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -65,13 +66,14 @@ def find(path: Path, tree: Mapping[Any, Any]) -> Mapping[str, tuple[Layout, Trac
 def _entries(
     path: Path, number: int, key: Any, frame: Mapping[str, Any]
 ) -> list[tuple[Any, _Entry]]:
-    people = list(frame["tid"])
+    people = _whole_numbers(path, f"{key}: tid", frame["tid"])
+    since = _whole_numbers(path, f"{key}: tracked_time", frame["tracked_time"])
     lists = [name for name in ("tracked_time", "smpl", "camera") if name in frame]
     for name in lists:
-        if len(frame[name]) != len(people):
+        found = len(_listed(path, f"{key}: {name}", frame[name]))
+        if found != len(people):
             raise FormatError(
-                f"{path}: {key}: {name}: expected {len(people)} entries as in 'tid', "
-                f"got {len(frame[name])}"
+                f"{path}: {key}: {name}: expected {len(people)} entries as in 'tid', got {found}"
             )
     entries = []
     for index, person in enumerate(people):
@@ -84,9 +86,29 @@ def _entries(
         if "camera" in frame:
             value = frame["camera"][index]
             numbers["camera"] = leaf(path, f"{key}: camera: {index}", value, (3,))
-        observed = frame["tracked_time"][index] == 0
-        entries.append((person, _Entry(number, key, index, bool(observed), numbers)))
+        entries.append((person, _Entry(number, key, index, since[index] == 0, numbers)))
     return entries
+
+
+def _listed(path: Path, where: str, value: Any) -> Sequence[Any]:
+    """A list, a tuple or an array of one axis."""
+    if isinstance(value, list | tuple) or getattr(value, "ndim", 0) == 1:
+        return value
+    raise FormatError(f"{path}: {where}: expected a list, got {type(value).__name__}")
+
+
+def _whole_numbers(path: Path, where: str, value: Any) -> list[int]:
+    found = _listed(path, where, value)
+    for each in found:
+        if not isinstance(each, Integral) and not _is_whole(each):
+            raise FormatError(f"{path}: {where}: expected whole numbers, got {type(each).__name__}")
+    return [int(each) for each in found]
+
+
+def _is_whole(value: Any) -> bool:
+    """Whether an array or a tensor without axes holds a whole number."""
+    kind = str(getattr(value, "dtype", ""))
+    return "int" in kind and getattr(value, "ndim", 1) == 0
 
 
 def _layout(entries: list[_Entry]) -> Layout:

@@ -1,6 +1,7 @@
 """Arrays in an npz archive: read without a pickle, written back byte for byte."""
 
 import io
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from torchquat.io.motion import FormatError
 
-__all__ = ["OPAQUE", "Archive", "pack"]
+__all__ = ["OPAQUE", "Archive", "pack", "said"]
 
 MAX_BYTES = 4 * 2**30
 """Largest unpacked size that is read; raise it for larger archives."""
@@ -28,6 +29,9 @@ _UNSOUND = (
     OSError,
     UnicodeDecodeError,
 )
+
+# headers are Python literals
+_NO_HEADER = (ValueError, KeyError, TypeError, SyntaxError, tokenize.TokenError, RecursionError)
 
 Anything = NDArray[np.generic]
 
@@ -79,8 +83,9 @@ class Archive:
                 (2, 0): np.lib.format.read_array_header_2_0,
             }[version]
             shape, _, dtype = read(stream)
-        except (ValueError, KeyError) as error:
-            raise FormatError(f"{self.path}: {info.filename}: no array: {error}") from None
+        except _NO_HEADER as error:
+            reason = " ".join(str(error).split())
+            raise FormatError(f"{self.path}: {info.filename}: no array: {reason}") from None
         key = info.filename.removesuffix(".npy")
         if dtype.hasobject:
             if key in OPAQUE:
@@ -128,6 +133,11 @@ def pack(arrays: Mapping[str, Anything]) -> bytes:
             entry.compress_type = zipfile.ZIP_DEFLATED
             file.writestr(entry, _npy(array))
     return buffer.getvalue()
+
+
+def said(array: Anything) -> str:
+    """An array in an error: one number, or its kind and shape."""
+    return str(array) if array.size == 1 else f"{array.dtype} {array.shape}"
 
 
 def _npy(array: Anything) -> bytes:

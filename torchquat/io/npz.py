@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from torchquat import so3
-from torchquat.io._zip import Anything, Archive, pack
+from torchquat.io._zip import Anything, Archive, pack, said
 from torchquat.io.motion import FormatError, Motion
 from torchquat.representation import continuous_rotvec
 from torchquat.skeleton import Skeleton
@@ -270,5 +270,5 @@ def _number(archive: Archive, key: str) -> float:
     array = _get(archive, key)
     number = float(array.reshape(-1)[0]) if array.size == 1 and array.dtype.kind in "fiu" else 0.0
     if not 0 < number < float("inf"):
-        raise FormatError(f"{archive.path}: {key}: expected frames per second, got {array}")
+        raise FormatError(f"{archive.path}: {key}: expected frames per second, got {said(array)}")
     return number

@@ -1,0 +1,45 @@
+"""Two thousand broken files; ``tests/fuzz_readers.py`` tries as many as one likes."""
+
+import random
+import sys
+from pathlib import Path
+
+import fuzz_readers
+import pytest
+from fuzzing import generators
+
+ROOT = Path(__file__).parents[1]
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits memory by Linux's means")
+
+
+def test_2000_broken_files_end_in_a_result_or_the_documented_error():
+    pytest.importorskip("joblib", reason="joblib is not installed (extra: estimators)")
+    counts, failures = fuzz_readers.run(2000, seed=10**6)
+    assert failures == []
+    kinds = set(generators(ROOT))
+    assert {kind for kind, what in counts if what == "refused"} == kinds
+    rarely = {"npz, bytes"}  # checksums refuse nearly all
+    assert {kind for kind, what in counts if what == "read"} | rarely == kinds
+
+
+def test_the_same_seed_makes_the_same_files():
+    for name, (_, make) in generators(ROOT).items():
+        if not name.startswith(("pt", "pkl")):  # archives of theirs hold addresses
+            assert make(random.Random(3)) == make(random.Random(3)), name
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda path: (_ for _ in ()).throw(KeyError("x")), "KeyError"),
+        (lambda path: bytearray(2**30), "MemoryError"),
+        (lambda path: next(iter(int, 1) and (x for x in iter(int, 1) if x)), "took more than"),
+    ],
+)
+def test_what_is_wrong_is_noticed(wrong, said, tmp_path, monkeypatch):
+    """Another error, too much memory, too much time."""
+    (tmp_path / "case.bvh").write_bytes(b"")
+    monkeypatch.setattr(fuzz_readers, "read", wrong)
+    monkeypatch.setattr(fuzz_readers, "SECONDS", 0.2)
+    assert said in fuzz_readers.outcome(tmp_path / "case.bvh")
