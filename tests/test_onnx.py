@@ -1,11 +1,14 @@
 """Models that leave PyTorch: C10 of the contract."""
 
-import export_onnx
 import pytest
 import torch
 from test_transforms import FILTERS, ONE_LENGTH, RECURSIVE
 
 from torchquat import _running
+
+export_onnx = pytest.importorskip(
+    "export_onnx", reason="onnxruntime is not installed (extra: onnx)", exc_type=ImportError
+)
 
 NO_OPERATION = ("principal-components", "kernel-pca")
 """They ask for eigenvectors, which ONNX cannot find."""
