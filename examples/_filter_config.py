@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -168,6 +169,8 @@ def in_frames(key: str, value: Any, frame_rate: float) -> Any:
     if match is None:
         return value
     number, unit = float(match[1]), match[2]
+    if not math.isfinite(number):
+        raise ValueError(f"expected a finite number, got {value!r}")
     if unit is None:
         return number
     if unit in _SECONDS and key in TIMES:

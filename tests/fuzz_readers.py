@@ -44,7 +44,7 @@ def read(path: Path) -> None:
         read_config(path)
         return
     motions = []
-    if path.suffix in (".pt", ".pkl"):
+    if path.suffix in (".pt", ".pkl") or path.suffixes == [".smpl", ".npz"]:
         estimate = io.load_estimate(path, frame_rate=30.0, trust_pickle=path.suffix == ".pkl")
         motions = [estimate.motion(name) for name in estimate.tracks]
     else:

@@ -178,13 +178,14 @@ def generators(root: Path) -> dict[str, tuple[str, Mutate]]:
     """Kinds of broken files: the ending of their names, and what makes one."""
     bvh, configs = _bvh(), [path.read_bytes() for path in sorted((root / "configs").glob("*.yaml"))]
     trees = {"gvhmr": made.gvhmr(4), "wham": made.wham(), "phalp": made.phalp(8)}
-    arrays = [made.amass(4), made.smpl(4)]
-    whole = {"pt": _saved(trees["gvhmr"]), "npz": npz(arrays[0], random.Random(0))}
+    amass, smpl = made.amass(4), made.smpl(4)
+    whole = {"pt": _saved(trees["gvhmr"]), "npz": npz(amass, random.Random(0))}
     return {
         "bvh, bytes": (".bvh", lambda rng: mangled(rng.choice(bvh), rng)),
         "bvh, words": (".bvh", lambda rng: reworded(rng.choice(bvh), rng)),
         "npz, bytes": (".npz", lambda rng: mangled(whole["npz"], rng)),
-        "npz, arrays": (".npz", lambda rng: npz(odd_tree(rng.choice(arrays), rng), rng)),
+        "npz, AMASS": (".npz", lambda rng: npz(odd_tree(amass, rng), rng)),
+        "npz, SMPL": (".smpl.npz", lambda rng: npz(odd_tree(smpl, rng), rng)),
         "pt, bytes": (".pt", lambda rng: mangled(whole["pt"], rng)),
         "pt, tree": (".pt", lambda rng: _saved(odd_tree(trees["gvhmr"], rng))),
         "pkl, WHAM": (".pkl", lambda rng: _dumped(odd_tree(trees["wham"], rng))),

@@ -2,6 +2,7 @@
 
 import io
 import tokenize
+import warnings
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -82,7 +83,9 @@ class Archive:
                 (1, 0): np.lib.format.read_array_header_1_0,
                 (2, 0): np.lib.format.read_array_header_2_0,
             }[version]
-            shape, _, dtype = read(stream)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # headers of Python 2, which are read
+                shape, _, dtype = read(stream)
         except _NO_HEADER as error:
             reason = " ".join(str(error).split())
             raise FormatError(f"{self.path}: {info.filename}: no array: {reason}") from None
@@ -109,7 +112,9 @@ class Archive:
     def array(self, key: str) -> Anything:
         """One array."""
         content = dict(zip(self.keys, (content for _, content in self.entries), strict=True))[key]
-        return np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # said of headers of Python 2
+            return np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
 
     def rewritten(self, replaced: Mapping[str, Anything]) -> bytes:
         """The archive with some arrays replaced, in the same order with the same dates."""
