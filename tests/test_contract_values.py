@@ -25,6 +25,7 @@ from torchquat import (
     LinearFilter,
     NonLocalPoseMeans,
     bilateral_filter,
+    linear_filter,
 )
 
 GRADIENT = {"eps": 1e-6, "atol": 1e-5, "rtol": 1e-3}
@@ -157,3 +158,30 @@ def test_A22_largest_finite_components(run, rng, dtype):
 def test_A23_parameters_out_of_range(build, name, value):
     with pytest.raises(ValueError, match=f"{name} must be"):
         build(value)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "size"),
+    [
+        (torch.float32, 1e-40),
+        (torch.float32, 1e38),
+        (torch.float64, 1e-311),
+        (torch.float64, 1e300),
+    ],
+)
+def test_B15_weights_of_any_size(run, dtype, size, rng):
+    """Too small to divide by is missing; too large to multiply is cut."""
+    q = smooth_motion(frames=12, rng=rng, dtype=dtype)
+    weight = size * torch.rand(12, 3, generator=rng, dtype=dtype)
+    assert run(q, weight).isfinite().all()
+    weight[3:9] = 1.0
+    assert run(q, weight).isfinite().all()
+
+
+@pytest.mark.parametrize("small", [-2e-311, 5e-324, 1e-300])
+def test_A23_masks_with_entries_too_small_to_divide_by(small, rng):
+    q = smooth_motion(frames=12, rng=rng)
+    mask = torch.tensor([small, 1.0, small], dtype=torch.float64)
+    assert_same_rotation(linear_filter(q, mask=mask), q, 1e-9)
+    weight = (torch.arange(12) != 5).double()[:, None]
+    assert linear_filter(q, weight, mask=mask).isfinite().all()

@@ -12,7 +12,7 @@ from torchquat import so3
 from torchquat._checks import check_signal
 from torchquat._running import running_maximum, running_minimum
 
-__all__ = ["confidence", "fill_missing", "interpolate", "validity"]
+__all__ = ["confidence", "fill_missing", "interpolate", "validity", "weight_range"]
 
 
 def confidence(q: Tensor, weight: Tensor | None = None) -> Tensor:
@@ -23,14 +23,22 @@ def confidence(q: Tensor, weight: Tensor | None = None) -> Tensor:
         weight: Confidence or mask, broadcastable to ``(..., T, J)``; ``None`` means 1.
 
     Returns:
-        Finite weights ``(..., T, J)`` >= 0 in the dtype of ``q``.
+        Finite weights ``(..., T, J)`` >= 0 in the dtype of ``q``: those too small to divide by are
+        0, those too large to multiply are cut, see :func:`weight_range`.
     """
     usable = so3.usable(q)
     if weight is None:
         return usable.to(q.dtype)
     weight = weight.to(q.dtype).expand(q.shape[:-1])
-    present = usable & torch.isfinite(weight) & (weight > 0)
-    return torch.where(present, weight, 0.0)
+    least, most = weight_range(q.dtype)
+    present = usable & torch.isfinite(weight) & (weight >= least)
+    return torch.where(present, weight, 0.0).clamp(max=most)
+
+
+def weight_range(dtype: torch.dtype) -> tuple[float, float]:
+    """Weights that can be computed with: 1e-31 to 3e15 in float32, 1e-292 to 2e123 in float64."""
+    limits = torch.finfo(dtype)
+    return limits.tiny / limits.eps, limits.max**0.4
 
 
 def validity(q: Tensor, weight: Tensor | None = None) -> Tensor:

@@ -73,7 +73,7 @@ def entered(frame: Tensor, weight: Tensor | None) -> Entered:
         if _within(square, limits.tiny / limits.eps, limits.max * limits.eps):
             if weight is None:
                 return Entered(planes, square.rsqrt(), None, whole=True)
-            if _within(weight, 0.0, torch.inf):
+            if _within(weight, *missing.weight_range(frame.dtype)):
                 return Entered(planes, square.rsqrt(), weight.to(frame.dtype), whole=True)
     trust = missing.confidence(frame, weight)
     unit = so3.normalize(frame).movedim(-1, 0)

@@ -171,9 +171,10 @@ def _rows(m: float | Tensor, start: int, frames: int) -> float | Tensor:
 
 def divided(weighted: tuple[Tensor, ...], total: Tensor) -> tuple[Tensor, ...]:
     """The means, 0 where the window is empty."""
-    if lowest(total) > 0:
+    least = torch.finfo(total.dtype).tiny  # the reciprocal of a smaller one is infinite
+    if lowest(total) >= least:
         inverse = total.reciprocal()
     else:
-        empty = total <= 0
+        empty = total < least
         inverse = torch.where(empty, 0.0, torch.where(empty, 1.0, total).reciprocal())
     return tuple(inverse * sum_ for sum_ in weighted)

@@ -45,7 +45,7 @@ def symmetric_back(
     *by_mean, by_total = slope
     planes = planes[0].unbind(0)
     frames = mean[0].shape[-2]
-    inverse = torch.where(total > 0, total, torch.inf).reciprocal()
+    inverse = torch.where(total >= torch.finfo(total.dtype).tiny, total, torch.inf).reciprocal()
     shares = [inverse * g for g in by_mean]
     margin = (0, 0, radius, radius)
     common = pad(_planes.dot(shares, mean).sub_(by_total), margin)

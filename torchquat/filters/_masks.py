@@ -24,10 +24,11 @@ def convolve(
         if lowest(mask) >= 0:
             return up
         down, down_total = masked_mean(window, trust, -falling, causal=causal)
-        gain, loss = rising.sum(0), falling.sum(0)
+        gain, loss, least = rising.sum(0), falling.sum(0), torch.finfo(mask.dtype).tiny
         # where one sign has no frame left, the other stands for both
         x, y, z = (
-            gain * torch.where(up_total > 0, u, d) + loss * torch.where(down_total > 0, d, u)
+            gain * torch.where(up_total >= least, u, d)
+            + loss * torch.where(down_total >= least, d, u)
             for u, d in zip(up, down, strict=True)
         )
         return x, y, z
@@ -64,4 +65,6 @@ def as_mask(mask: Tensor | Sequence[float], like: Tensor) -> Tensor:
     if like.dim() > 2 and mask.dim() == 2 and mask.shape[1] not in (1, like.shape[-2]):
         joints = like.shape[-2]
         raise ValueError(f"mask must have one column or {joints}, got {mask.shape[1]}.")
+    # what is too small to divide by would make a mean of nothing
+    mask = torch.where(mask.abs() >= torch.finfo(mask.dtype).tiny, mask, 0.0)
     return mask.reshape(len(mask), -1)
