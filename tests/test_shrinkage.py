@@ -167,7 +167,7 @@ def test_denoises_without_a_parameter(rule, wavelet, rng):
 @pytest.mark.parametrize("rule", ["universal", "sure", "bayes", (0.05, 0.1)])
 def test_thresholds_are_learned(rule, rng):
     module = LiftingDenoiser(rule=rule, levels=2, learnable=True)
-    clean = gaussian_filter(smooth_motion(frames=200, step=0.1, rng=rng), sigma_t=3.0)
+    clean = gaussian_filter(smooth_motion(frames=200, step=0.3, rng=rng), sigma_t=2.0)
     noisy = noise.gaussian(clean, 0.05, generator=rng)
     optimiser = torch.optim.Adam(module.parameters(), lr=0.1)
     losses = []
