@@ -189,6 +189,7 @@ def exported(run, shortest, rng):
     return torch.export.export(run, (q,), dynamic_shapes=({0: batch, 1: length},)).module()
 
 
+@pytest.mark.filterwarnings("ignore:.*get_attr.*:UserWarning")  # torch 2.6's own
 def test_C5_export_with_a_dynamic_batch_and_length(windowed, rng, request):
     """Known limit: an exported lifting scheme of L levels takes 8 * 2^L frames and more."""
     if request.node.callspec.params["windowed"] in ONE_LENGTH:

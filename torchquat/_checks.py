@@ -82,7 +82,7 @@ def check_positive(name: str, value: float | Sequence[float] | Tensor) -> None:
         return
     values = value if isinstance(value, Sequence) and not isinstance(value, str) else [value]
     for number in values:
-        if isinstance(number, bool) or not isinstance(number, int | float):
+        if isinstance(number, bool) or not isinstance(number, (int, float)):
             raise TypeError(f"{name} must be a number or one number per joint, got {value!r}.")
         if not (math.isfinite(number) and number > 0):
             raise ValueError(f"{name} must be finite and > 0, got {value!r}.")

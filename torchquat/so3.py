@@ -64,7 +64,7 @@ def normalize(q: Tensor) -> Tensor:
     plain = normalized_if_ordinary(q)
     if plain is not None:
         return plain
-    identity = q.new_tensor([0.0, 0.0, 0.0, 1.0])
+    identity = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=q.dtype, device=q.device)
     safe = torch.where(usable(q)[..., None], q, identity)
     # a constant factor: the result does not depend on it, so neither does the gradient
     scaled = safe / safe.detach().abs().amax(-1, keepdim=True)
@@ -151,7 +151,7 @@ def compose(a: Tensor, b: Tensor) -> Tensor:
 
 def inverse(q: Tensor) -> Tensor:
     """Inverse of unit quaternions ``(..., 4)``: the conjugate."""
-    return q * q.new_tensor([-1.0, -1.0, -1.0, 1.0])
+    return q * torch.tensor([-1.0, -1.0, -1.0, 1.0], dtype=q.dtype, device=q.device)
 
 
 def relative(a: Tensor, b: Tensor) -> Tensor:

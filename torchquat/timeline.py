@@ -109,7 +109,7 @@ def pad(
     """
     frames = q.shape[-3]
     if frames == 0:  # nothing to stand for: weightless identities
-        identity = q.new_tensor([0.0, 0.0, 0.0, 1.0])
+        identity = torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=q.dtype, device=q.device)
         shape = (*q.shape[:-3], 2 * radius, q.shape[-2])
         weightless = (q if confidence is None else confidence).new_zeros(shape)
         return identity.expand(*shape, 4), weightless

@@ -16,7 +16,7 @@ Bandwidth = float | Sequence[float] | Tensor
 
 def per_joint(name: str, value: Bandwidth, like: Tensor) -> float | Tensor:
     """A number, or a tensor that broadcasts to ``(..., T, J)``, in the dtype of ``like``."""
-    if isinstance(value, int | float):
+    if isinstance(value, (int, float)):
         return float(value)
     if isinstance(value, Tensor) and value.dim() == 0 and visible(value) and not derivatives(value):
         return float(value)

@@ -80,7 +80,8 @@ def _rhos(like: Tensor) -> Tensor:
 def rounded(sigma: Tensor) -> Tensor:
     """To a few digits: the last ones of an estimate depend on what else is in the batch."""
     digits, exponent = torch.frexp(sigma)
-    return torch.ldexp((digits / STEP).round() * STEP, exponent)
+    # older releases of torch give the power of two in the default dtype
+    return torch.ldexp((digits / STEP).round() * STEP, exponent).to(sigma.dtype)
 
 
 def _evidence(

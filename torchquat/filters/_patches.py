@@ -116,7 +116,9 @@ class Patches:
             return 1.0
         if len(self.members) == 1:
             return float(max(len(self.members[0]), 1))
-        return like.new_tensor([len(joints) for joints in self.members])
+        return torch.tensor(
+            [len(joints) for joints in self.members], dtype=like.dtype, device=like.device
+        )
 
     def grouped(self, x: Tensor) -> Tensor:
         """Sum over the joints of every group: ``(..., N, J)`` to ``(..., N, G)``."""

@@ -89,7 +89,7 @@ class AutoDenoiser(nn.Module):
 
 
 def _check_strength(strength: float) -> None:
-    if isinstance(strength, bool) or not isinstance(strength, int | float):
+    if isinstance(strength, bool) or not isinstance(strength, (int, float)):
         raise TypeError(f"strength must be a number, got {strength!r}.")
     if not (math.isfinite(strength) and 0 <= strength <= 1):
         raise ValueError(f"strength must lie in [0, 1], got {strength!r}.")

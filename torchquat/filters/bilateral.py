@@ -1,5 +1,7 @@
 """Courty's bilateral orientation filter."""
 
+from __future__ import annotations  # torch 2.6 cannot compile them inside a function
+
 from collections.abc import Callable, Sequence
 from typing import Literal, get_args
 

@@ -71,7 +71,7 @@ def one_euro_filter(
         _, *trusts = confidence.double().clamp(max=HEAVIEST)[..., None].unbind(-3)
         passed = torch.ones_like(first[..., :1])
     # a tensor: numbers are divided in double precision where no weight makes them tensors
-    slow = first.new_tensor(d_cutoff / frame_rate)
+    slow = torch.tensor(d_cutoff / frame_rate, dtype=first.dtype, device=first.device)
     estimates = [first]
     for frame, trust in zip(rest, trusts, strict=True):
         step = so3.between(estimates[-1], frame)

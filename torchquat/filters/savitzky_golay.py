@@ -113,7 +113,7 @@ def _with_ends(
     """The result with frames of the outermost fits at both ends."""
     trust = unit.new_ones(unit.shape[:-1]) if confidence is None else confidence
     frames, radius = unit.shape[-3], len(rows) // 2
-    fits = unit.new_tensor(rows[:radius])
+    fits = torch.tensor(rows[:radius], dtype=unit.dtype, device=unit.device)
     since = torch.arange(frames, device=unit.device)
     step, count = torch.zeros_like(unit[..., :3]), 0.0
     for way in (since, since.flip(0)):  # from the start, and from the end

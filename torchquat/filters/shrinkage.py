@@ -227,7 +227,7 @@ def _fixed(rule: Rule | float | Sequence[float], levels: int) -> tuple[float, ..
     if len(values) != levels:
         raise ValueError(f"rule must have one threshold per level ({levels}), got {len(values)}.")
     for value in values:
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise TypeError(f"rule must be a name or thresholds [rad], got {rule!r}.")
         if not 0.0 <= value < float("inf"):
             raise ValueError(f"rule must have finite thresholds >= 0, got {rule!r}.")

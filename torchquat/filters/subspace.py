@@ -211,7 +211,7 @@ def _squared_width(chart: Chart, sigma: float | None) -> Tensor:
     """Squared width of the kernel in the space of poses, ``(N, 1, 1)`` or ``()``."""
     axes = chart.points.shape[-1]
     if sigma is not None:
-        return chart.points.new_tensor(axes * sigma**2)
+        return torch.tensor(axes * sigma**2, dtype=chart.points.dtype, device=chart.points.device)
     # a choice of the method, as the number of components is: no gradient runs through it
     square = (chart.trust * (chart.points - _mean(chart)).square()).detach().sum((-2, -1))
     total = chart.trust.detach().sum((-2, -1))

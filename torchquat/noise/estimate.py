@@ -127,7 +127,9 @@ def _seen(order: int, rhos: Sequence[float], like: Tensor) -> Tensor:
     full = math.comb(2 * order, order)
     lags = {lag: 2.0 * math.comb(2 * order, order + lag) / full for lag in range(1, order + 1)}
     shares = [1.0 + sum(part * (-rho) ** lag for lag, part in lags.items()) for rho in rhos]
-    return like.new_tensor(shares).reshape(-1, *(1,) * like.dim())
+    return torch.tensor(shares, dtype=like.dtype, device=like.device).reshape(
+        -1, *(1,) * like.dim()
+    )
 
 
 def _estimates(found: Differences) -> Iterator[Estimate]:

@@ -88,7 +88,9 @@ def read(x: Tensor, form: Form) -> tuple[Tensor, Tensor]:
         present = present & so3.usable(entries)
     else:
         present = present & torch.isfinite(square)  # the sine of an angle that overflows is NaN
-    identity = form.from_quaternion(x.new_tensor([0.0, 0.0, 0.0, 1.0]))
+    identity = form.from_quaternion(
+        torch.tensor([0.0, 0.0, 0.0, 1.0], dtype=x.dtype, device=x.device)
+    )
     safe = torch.where(_like(present, form), x, identity)
     return so3.normalize(form.to_quaternion(safe)), present
 
