@@ -85,7 +85,8 @@ class FilterConfig:
             raise ValueError(f"{self.origin}: {self.class_path}: {error}") from None
 
     def _class(self) -> type[nn.Module]:
-        if not isinstance(self.class_path, str):
+        parts = self.class_path.split(".") if isinstance(self.class_path, str) else [""]
+        if not all(part.isidentifier() for part in parts):  # ".torchquat" would be relative
             raise ValueError(
                 f"{self.origin}: filter.class_path: expected a name, got {self.class_path!r}"
             )

@@ -121,6 +121,17 @@ def test_B11_the_default_dtype_has_no_effect(run, rng):
         torch.set_default_dtype(torch.float32)
 
 
+@pytest.mark.parametrize("gaps", [False, True])
+def test_B11_the_default_device_has_no_effect(gaps, run, rng):
+    """Nothing is made on it: what is would stay empty, and could not be added to the input."""
+    q = smooth_motion(rng=rng)
+    q[3:5, 1] = torch.nan if gaps else 0.5
+    weight = torch.rand(20, 3, generator=rng, dtype=q.dtype) if gaps else None
+    expected = run(q, weight)
+    with torch.device("meta"):
+        assert torch.equal(run(q, weight), expected)
+
+
 def test_B12_views(run, rng):
     q = smooth_motion(2, rng=rng)
     wide = smooth_motion(2, frames=40, rng=rng)

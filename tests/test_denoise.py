@@ -213,6 +213,7 @@ def test_configs_and_overrides(walk, tmp_path, capsys):
             "filter.class_path: expected one of AutoDenoiser",
         ),
         ("filter: {class_path: nowhere.Filter}", "filter.class_path: No module named 'nowhere'"),
+        ("filter: {class_path: .torchquat.Filter}", "filter.class_path: expected a name, got"),
         ("filter: {class_path: torch.Tensor}", "filter.class_path: expected one of AutoDenoiser"),
         ("filter: {init_args: {}}", "filter: expected the key 'class_path'"),
         (

@@ -178,7 +178,8 @@ def _size(power: Tensor) -> Tensor:
 
     The left side is concave in the variance, so that it is approached from below.
     """
-    wanted = power.clamp(max=float(_bend(torch.tensor(LARGEST**2).double())[0]))
+    most = _bend(torch.tensor(LARGEST**2, dtype=torch.float64, device="cpu"))[0]
+    wanted = power.clamp(max=float(most))
     variance = wanted
     for _ in range(12):
         value, slope = _bend(variance)
