@@ -1,6 +1,6 @@
 """Odd values in, part A of the contract: every filter ends in a result or in one clear error.
 
-Rows about signs, scale, missing frames and constant motion stand in ``test_invariances.py``, those
+Rows about signs, scale, missing frames and constant motion stand in ``test_contract.py``, those
 about single rotations in ``test_so3.py``.
 """
 

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from test_transforms import FILTERS, ONE_LENGTH, RECURSIVE
+from test_contract_transforms import FILTERS, ONE_LENGTH, RECURSIVE
 
 from torchquat import _running
 

@@ -1,0 +1,165 @@
+"""Break the package on purpose, a little at a time: do its tests see it?
+
+python tests/mutate.py FOLDER [--only core ...] [--ends 27] [--jobs 2]
+
+mutmut changes one thing at a time (an operator, a number, a default, an argument) in copies of the
+repository under FOLDER and runs the tests of ``GROUPS`` that reach the changed function. Printed
+are how many changes each file's tests saw, and every change that none of them saw. A second call
+goes on where the first was stopped. Needs ``pip install -e '.[mutate]'``.
+"""
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+from collections import Counter, defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+SEEN = ("killed", "timeout", "caught by type check", "segfault", "suspicious")
+COPIED = ("tests", "examples", "configs", "README.md")
+
+
+@dataclass(frozen=True)
+class Group:
+    """Files to be broken, and the tests that must see it."""
+
+    files: str
+    tests: str
+    filters: str = ""
+    """Of the tests that all filters pass, those of filters with these words in their names."""
+
+
+CONTRACT = ("contract", "contract_values", "contract_shapes", "unseen")
+GROUPS = {
+    "core": Group(
+        "so3 timeline missing",
+        "so3 timeline missing operations bilateral wrong_ways representation confidence",
+        "bilateral lifting-haar",
+    ),
+    "bvh": Group("io/bvh", "bvh bvh_writing files"),
+    "windows": Group(
+        "filters/_lee_shin* filters/bilateral filters/linear filters/moving_mean filters/_masks",
+        "bilateral linear anisotropy operations",
+        "gaussian linear bilateral moving-mean",
+    ),
+    "nonlocal": Group(
+        "filters/nonlocal_means filters/_patches filters/_bandwidth",
+        "nonlocal_means operations",
+        "nonlocal",
+    ),
+    "competitors": Group(
+        "filters/butterworth filters/savitzky_golay filters/robust filters/one_euro "
+        "filters/tracking filters/_gains filters/subspace filters/_chart",
+        "competitors confidence",
+        "butterworth savitzky median hampel one-euro kalman principal kernel",
+    ),
+    "wavelets": Group(
+        "filters/lifting filters/learned filters/_haar filters/_thresholds filters/shrinkage "
+        "filters/editing filters/_prediction",
+        "lifting shrinkage learned",
+        "lifting",
+    ),
+    "spectra": Group(
+        "filters/_local_spectra filters/_spectra filters/spectral filters/_overlap "
+        "filters/_whitened filters/_hankel filters/low_rank filters/_correlation filters/_mixing "
+        "filters/_mixture filters/_moving_frame filters/auto",
+        "spectral low_rank mixture auto correlation",
+        "local-spectrum low-rank auto",
+    ),
+    "repair": Group(
+        "filters/_outliers filters/_pops filters/_kriging filters/_rows filters/repair",
+        "repair",
+        "repair",
+    ),
+}
+
+
+def settings(group: Group) -> str:
+    """What mutmut reads in ``pyproject.toml``."""
+    tests = [*group.tests.split(), *(CONTRACT if group.filters else ())]
+    of_these = " or ".join(["not (test_contract or test_unseen)", *group.filters.split()])
+    listed = {
+        "source_paths": ["torchquat"],
+        "only_mutate": [f"torchquat/{name}.py" for name in group.files.split()],
+        "also_copy": list(COPIED),
+        "pytest_add_cli_args_test_selection": [f"tests/test_{name}.py" for name in tests],
+        "pytest_add_cli_args": ["-k", of_these],
+        # one that runs tests first would hand on what they left in caches
+        "process_isolation": "forkserver",
+    }
+    return "\n[tool.mutmut]\n" + "".join(
+        f"{key} = {json.dumps(value)}\n" for key, value in listed.items()
+    )
+
+
+def copy(folder: Path, group: Group) -> None:
+    """Make a copy of what is committed, unless there is one."""
+    if folder.exists():
+        return
+    subprocess.run(["git", "clone", "-q", str(ROOT), str(folder)], check=True)
+    with (folder / "pyproject.toml").open("a", encoding="utf-8") as project:
+        project.write(settings(group))
+
+
+def mutmut(folder: Path, *arguments: str) -> str:
+    """Run it there, and return what it printed."""
+    command = [sys.executable, "-m", "mutmut", *arguments]
+    return subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout
+
+
+def outcomes(folder: Path) -> dict[str, str]:
+    """Changes that were tried: their names, and how their tests ended."""
+    lines = re.findall(r"^\s*(\S+): (.+)$", mutmut(folder, "results", "--all", "true"), re.M)
+    return {name: how for name, how in lines if how != "not checked"}
+
+
+def changed(folder: Path, name: str) -> str:
+    """The lines of one change."""
+    shown = mutmut(folder, "show", name).splitlines()
+    lines = [line for line in shown if re.match(r"[-+](?![-+]{2})", line)]
+    return "\n".join([f"  {name}", *(f"    {line}" for line in lines)])
+
+
+def report(folder: Path) -> str:
+    """A line for each file, then what was not seen."""
+    counts: defaultdict[str, Counter[bool]] = defaultdict(Counter)
+    found = outcomes(folder)
+    for name, how in found.items():
+        counts[re.split(r"\.x[_ǁ]", name)[0]][how in SEEN] += 1
+    lines = [
+        f"{module:<36}{count.total():>6} changes {count[True]:>6} seen "
+        f"{100 * count[True] / count.total():>6.1f} %"
+        for module, count in sorted(counts.items())
+    ]
+    missed = [name for name, how in found.items() if how not in SEEN]
+    return "\n".join([*lines, *(f"{changed(folder, name)} ({found[name]})" for name in missed)])
+
+
+def main() -> int:
+    """Try the groups in turn."""
+    parser = argparse.ArgumentParser(description="Do the tests see the package broken?")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", choices=GROUPS, nargs="+", default=list(GROUPS))
+    parser.add_argument("--ends", default="0123456789", help="last digits of changes to try")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--report", action="store_true", help="only print what was found before")
+    arguments = parser.parse_args()
+    for name in arguments.only:
+        folder = arguments.folder / name
+        copy(folder, GROUPS[name])
+        if not arguments.report:
+            jobs = ["--max-children", str(arguments.jobs)]
+            subprocess.run(
+                [sys.executable, "-m", "mutmut", "run", *jobs, f"*[{arguments.ends}]"],
+                cwd=folder,
+                check=True,
+            )
+        print(f"{name}\n{report(folder)}", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
