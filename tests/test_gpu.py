@@ -25,14 +25,20 @@ def q(rng, dtype):
     return q
 
 
+def twins(run, dtype):
+    """The filter on both devices, its parameters in the dtype of the signal."""
+    here = copy.deepcopy(run).to(dtype)
+    return here, copy.deepcopy(here).cuda()
+
+
 def test_B14_the_same_as_on_a_cpu(run, q, rng):
     weight = torch.rand(q.shape[:-1], generator=rng, dtype=q.dtype)
     weight[1, 11:13] = 0.0
-    there = copy.deepcopy(run).cuda()
+    here, there = twins(run, q.dtype)
     for confidence in (None, weight):
         result = there(q.cuda(), None if confidence is None else confidence.cuda())
         assert result.device.type == "cuda" and result.dtype == q.dtype
-        assert_same_rotation(result.cpu(), run(q, confidence), max(BOUND[q.dtype], 1e-9))
+        assert_same_rotation(result.cpu(), here(q, confidence), max(BOUND[q.dtype], 1e-9))
 
 
 def test_B18_the_same_twice(run, q):
@@ -42,14 +48,12 @@ def test_B18_the_same_twice(run, q):
 
 def test_A14_gradients_are_those_of_a_cpu(run, q):
     slopes = []
-    for module, device in ((run, "cpu"), (copy.deepcopy(run).cuda(), "cuda")):
-        leaf = q.double().to(device).requires_grad_()
-        module.double() if device == "cuda" else None
+    for module, device in zip(twins(run, torch.float64), ("cpu", "cuda"), strict=True):
+        leaf = q.to(device, torch.float64, copy=True).requires_grad_()
         module(leaf).cumsum(-1).sum().backward()
         slopes.append(leaf.grad.cpu())
     assert slopes[1].isfinite().all()
-    if run is not ALL["kernel-pca"]:
-        assert torch.allclose(*slopes, rtol=1e-5, atol=1e-7)
+    assert torch.allclose(*slopes, rtol=1e-5, atol=1e-7)
 
 
 def test_B14_a_weight_on_the_other_device_is_refused(run, q):

@@ -131,7 +131,7 @@ def test_a_mask_as_weight_and_one_weight_for_all(rng):
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 @pytest.mark.parametrize("name", [*ONLINE, "kalman"])
 def test_on_a_gpu(name, rng):
-    run = copy.deepcopy(filters.ALL[name] if name == "kalman" else ONLINE[name][0])
+    run = copy.deepcopy(filters.ALL[name] if name == "kalman" else ONLINE[name][0]).double()
     q, weight = with_gaps(noisy(2, rng=rng, frames=75), rng)
     expected = streamed(run, q, weight)
     result = streamed(run.to("cuda"), q.cuda(), weight.cuda())

@@ -15,11 +15,16 @@ __all__ = ["LONGEST", "running_maximum", "running_minimum", "running_product"]
 _DOUBLINGS = 20
 LONGEST = 2**_DOUBLINGS
 """Frames that an exported program covers: 2.4 hours at 120 frames a second."""
-_exporting: Callable[[], bool] = getattr(
-    torch.compiler,
-    "is_exporting",  # since torch 2.7
-    torch.compiler.is_compiling,
-)
+
+
+def _exporting() -> bool:
+    """Whether a program is made that leaves PyTorch.
+
+    Read from the flag itself: up to torch 2.12 ``torch.compile`` takes ``is_exporting()`` for true.
+    Before torch 2.7 nothing tells the two apart.
+    """
+    flag = getattr(torch.compiler, "_is_exporting_flag", None)
+    return torch.compiler.is_compiling() if flag is None else flag
 
 
 def running_maximum(x: Tensor, dim: int) -> Tensor:

@@ -52,5 +52,13 @@ def blended(part: Tensor, taper: Tensor, frame: Tensor, shape: torch.Size) -> Te
     places = frame.flatten()
     ahead = (taper * part).reshape(batch, -1, part.shape[-1])
     weight = taper.expand(frame.shape[0], -1, -1).reshape(-1, 1)
-    total = ahead.new_zeros(batch, frames, part.shape[-1]).index_add(1, places, ahead)
-    return total / weight.new_zeros(frames, 1).index_add(0, places, weight)
+    total = _summed(ahead.movedim(1, 0), places, frames).movedim(0, 1)
+    return total / _summed(weight, places, frames)
+
+
+def _summed(x: Tensor, places: Tensor, frames: int) -> Tensor:
+    """Sums ``(T, ...)`` of the rows ``(places, ...)`` that belong to each frame."""
+    nothing = x.new_zeros(frames, *x.shape[1:])
+    if x.is_cuda:  # where index_add adds in any order, so that two calls differ
+        return nothing.index_put((places,), x, accumulate=True)
+    return nothing.index_add(0, places, x)
