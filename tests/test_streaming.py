@@ -39,6 +39,9 @@ def test_equals_the_offline_result(run, latency, rng, dtype):
     tol = 5e-6 if getattr(run, "chart", "") == "global" else 1e-6  # near half turns
     assert Stream(run).latency == latency
     assert_same_rotation(streamed(run, q), run(q), tol if dtype == torch.float32 else 1e-12)
+    # bandwidths that are no numbers of single precision
+    precise = copy.deepcopy(run).double()
+    assert_same_rotation(streamed(precise, q.double()), precise(q.double()), 1e-12)
 
 
 @online

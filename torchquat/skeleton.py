@@ -89,7 +89,8 @@ class Skeleton:
             Positions ``(..., T, len(end_sites), 3)``.
         """
         joints = [joint for joint, _ in self.end_sites]
-        offset = torch.tensor([place for _, place in self.end_sites]).reshape(-1, 3).to(positions)
+        places = [place for _, place in self.end_sites]
+        offset = torch.tensor(places, dtype=positions.dtype, device=positions.device).reshape(-1, 3)
         return positions[..., joints, :] + so3.rotate(rotations[..., joints, :], offset)
 
     def index(self, names: Sequence[str]) -> list[int]:

@@ -54,7 +54,9 @@ def bilateral(
     lag = torch.arange(-past, future + 1, dtype=like.dtype, device=like.device).abs()[:, None]
     in_time = -0.5 * ((lag / sigma_t) ** 2 if gaussian else lag / sigma_t**2)
     # a quarter of the angle; the paper's kernel has half of it, unsquared
-    rate = torch.as_tensor((-8.0 if gaussian else -1.0) / sigma_g**2).to(in_time)
+    rate = torch.as_tensor(
+        (-8.0 if gaussian else -1.0) / sigma_g**2, dtype=like.dtype, device=like.device
+    )
 
     def centre(q: Tensor, trust: Tensor | None) -> Tensor:
         here = q[..., past : past + 1, :]
