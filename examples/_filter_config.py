@@ -119,7 +119,7 @@ def read_config(
     """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: expected YAML: {' '.join(str(error).split())}") from None
     content = _mapping(path, "", content, ("filter",))
     section = _mapping(path, "filter", content["filter"], ("class_path", "init_args"))

@@ -7,6 +7,9 @@ from pathlib import Path
 import fuzz_readers
 import pytest
 from fuzzing import generators
+from hostile_files import HOSTILE
+
+from torchquat.io import _zip
 
 ROOT = Path(__file__).parents[1]
 
@@ -27,6 +30,27 @@ def test_the_same_seed_makes_the_same_files():
     for name, (_, make) in generators(ROOT).items():
         if not name.startswith(("pt", "pkl")):  # archives of theirs hold addresses
             assert make(random.Random(3)) == make(random.Random(3)), name
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_D18_E1_E2_E3_E11_hostile_files_are_refused(what, tmp_path, monkeypatch):
+    """Within two seconds and ten times their size of memory; nothing in them is executed."""
+    monkeypatch.setattr(_zip, "MAX_BYTES", 2**28)  # of 4 GiB: a larger bomb takes long to make
+    ending, make = HOSTILE[what]
+    path = tmp_path / f"case{ending}"
+    path.write_bytes(make())
+    assert fuzz_readers.outcome(path) == "refused"
+
+
+@pytest.mark.slow
+def test_D18_a_line_of_a_gigabyte(tmp_path, monkeypatch):
+    path = tmp_path / "case.bvh"
+    with path.open("wb") as file:
+        for part in (b"HIERARCHY ", *([b"x" * 2**20] * 2**10)):
+            file.write(part)
+    monkeypatch.setattr(fuzz_readers, "SECONDS", 60.0)
+    monkeypatch.setattr(fuzz_readers, "TIMES", 4)
+    assert fuzz_readers.outcome(path) == "refused"
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,15 @@ import numpy as np
 
 from torchquat.io.motion import FormatError, error_at
 
-__all__ = ["BvhJoint", "Hierarchy", "format_hierarchy", "parse_hierarchy", "parse_number", "show"]
+__all__ = [
+    "BvhJoint",
+    "Hierarchy",
+    "format_hierarchy",
+    "parse_count",
+    "parse_hierarchy",
+    "parse_number",
+    "show",
+]
 
 _NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _CHANNELS = {
@@ -72,6 +80,11 @@ def parse_number(path: Path, number: int, line: bytes, token: bytes, start: int 
     return value
 
 
+def parse_count(token: bytes) -> int | None:
+    """A count in decimal digits, at most eighteen; ``None`` if it is none."""
+    return int(token) if token.isdigit() and len(token) <= 18 else None
+
+
 def parse_hierarchy(path: Path, lines: Iterator[tuple[int, bytes]]) -> Hierarchy:
     """Read everything up to and including the line ``MOTION``.
 
@@ -91,6 +104,7 @@ def parse_hierarchy(path: Path, lines: Iterator[tuple[int, bytes]]) -> Hierarchy
     if keyword != b"hierarchy":
         raise error_at(path, number, "HIERARCHY", show(line))
     open_blocks: list[_Block] = []
+    column = 0  # of the next channel
     while True:
         number, line, keyword, rest = _next(path, words, "} or MOTION")
         block = open_blocks[-1] if open_blocks else None
@@ -103,7 +117,7 @@ def parse_hierarchy(path: Path, lines: Iterator[tuple[int, bytes]]) -> Hierarchy
             name = rest.decode("utf-8", "surrogateescape")
             if not name:
                 raise error_at(path, number, f"a name after {show(line)}", "none")
-            hierarchy.joints.append(BvhJoint(name, parent, column=hierarchy.width))
+            hierarchy.joints.append(BvhJoint(name, parent, column=column))
             _open(path, words, number)
             open_blocks.append(_Block(len(hierarchy.joints) - 1, False, number))
         elif block is None:
@@ -121,7 +135,8 @@ def parse_hierarchy(path: Path, lines: Iterator[tuple[int, bytes]]) -> Hierarchy
         elif keyword == b"channels" and not (block.is_end_site or block.has_channels):
             if block.joint != len(hierarchy.joints) - 1:
                 raise error_at(path, number, "CHANNELS before the first child", show(line))
-            hierarchy.joints[block.joint].channels = _parse_channels(path, number, rest)
+            channels = hierarchy.joints[block.joint].channels = _parse_channels(path, number, rest)
+            column += len(channels)
             block.has_channels = True
         elif keyword == b"}" and not rest and block.has_offset:
             open_blocks.pop()
@@ -208,7 +223,7 @@ def _parse_offset(path: Path, number: int, line: bytes, rest: bytes) -> tuple[fl
 
 def _parse_channels(path: Path, number: int, rest: bytes) -> tuple[str, ...]:
     count, *names = rest.split() or [b""]
-    if not count.isdigit() or int(count) != len(names):
+    if parse_count(count) != len(names):
         raise error_at(path, number, f"CHANNELS {len(names)}", f"CHANNELS {show(count)}")
     channels: list[str] = []
     for name in names:

@@ -16,6 +16,7 @@ from torchquat.io._bvh_hierarchy import (
     BvhJoint,
     Hierarchy,
     format_hierarchy,
+    parse_count,
     parse_hierarchy,
     parse_number,
     show,
@@ -103,7 +104,7 @@ def read_bvh(path: Path, *, lenient: bool = False) -> Motion:
     header, rows = lines[:last], lines[last:]
     values = read_rows(path, rows, last + 1, hierarchy.width)
     if not hierarchy.width:
-        values = np.empty((frames, 0))
+        values = np.empty((min(frames, len(rows)), 0))  # a row of no values is an empty line
     if len(values) != frames:
         found = f"expected {frames} rows of motion, got {len(values)}"
         if not lenient:
@@ -185,9 +186,10 @@ def _new_joints(skeleton: Skeleton, order: Sequence[int]) -> list[BvhJoint]:
 def _read_frames(path: Path, lines: Iterator[tuple[int, bytes]]) -> tuple[int, int]:
     """Number of the line ``Frames:``, and what it says."""
     number, line, match = _next_match(path, lines, _FRAMES, "Frames:")
-    if not match[1].isdigit():
+    frames = parse_count(match[1])
+    if frames is None:
         raise error_at(path, number, "Frames: and a count >= 0", show(line))
-    return number, int(match[1])
+    return number, frames
 
 
 def _read_frame_time(path: Path, lines: Iterator[tuple[int, bytes]]) -> tuple[int, float]:
