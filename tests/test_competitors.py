@@ -214,6 +214,15 @@ def test_kernel_components_and_pre_images_are_those_of_the_loop(components, sigm
     assert_same_rotation(actual, torch.from_numpy(expected), 1e-6)
 
 
+def test_the_kernel_is_as_wide_as_poses_lie_apart(rng):
+    q = smooth_motion(frames=15, rng=rng)
+    points, _, _ = oracle.poses(numpy_of(q), np.ones((15, 3)))
+    apart = points[:, None] - points[None]
+    width = float(np.sqrt(np.mean(np.square(apart))))
+    expected = KernelPCAFilter(2, sigma=width)(q)
+    assert_same_rotation(KernelPCAFilter(2)(q), expected, 1e-9)
+
+
 @pytest.mark.parametrize("name", FILTERS)
 def test_derivatives(name, rng):
     q = smooth_motion(frames=6, joints=1, step=0.3, rng=rng).requires_grad_()

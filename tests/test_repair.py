@@ -9,6 +9,7 @@ from test_spectral import swaying
 from torch.autograd import gradcheck
 
 from torchquat import OutlierRepair, denoise, noise, repair, so3
+from torchquat.filters import _kriging
 from torchquat.filters._kriging import LEVELS, around, predict
 from torchquat.filters._outliers import find_outliers
 from torchquat.filters._pops import undone
@@ -44,8 +45,17 @@ def test_predictions_agree_with_plain_loops(level, rng):
         assert np.allclose(found.variance[joint], variance, rtol=1e-6)
 
 
+def test_tables_are_solved_anew_to_the_same():
+    """What is compared with loops above was made when the package was loaded."""
+    weights, variances = _kriging._solved()
+    for made, kept in ((weights, _kriging._WEIGHTS), (variances, _kriging._VARIANCES)):
+        assert torch.equal(torch.from_numpy(made), kept)
+
+
 @pytest.mark.parametrize("sigma", [0.0, 0.05])
-def test_flags_agree_with_plain_loops(sigma, rng):
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_flags_agree_with_plain_loops(sigma, seed):
+    rng = torch.Generator().manual_seed(seed)
     clean = swaying(frames=40, joints=4)
     q = noise.gaussian(noise.impulse(clean, 0.5, share=0.12, generator=rng), sigma, generator=rng)
     q = noise.flip_signs(q, generator=rng)

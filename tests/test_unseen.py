@@ -5,7 +5,8 @@ import torch
 from filters_under_test import ALL
 from motions import assert_same_rotation, random_rotations, smooth_motion
 
-from torchquat import timeline
+from torchquat import _blocks, timeline
+from torchquat.filters import _hankel, _local_spectra, _outliers
 
 
 @pytest.fixture
@@ -34,6 +35,23 @@ def test_every_filter(name, rng, unseen):
     run, tried = ALL[name], motions(rng)
     expected = [run(*each) for each in tried]
     unseen()
+    for each, wanted in zip(tried, expected, strict=True):
+        assert_same_rotation(run(*each), wanted, 1e-10)
+
+
+@pytest.mark.parametrize("name", ["auto", "local-spectrum", "local-spectrum-short", "low-rank"])
+@pytest.mark.parametrize("size", [1, 500])
+def test_parts_of_any_size(name, size, rng, monkeypatch):
+    """How much is done at a time is a matter of speed alone."""
+    run, tried = ALL[name], motions(rng)
+    expected = [run(*each) for each in tried]
+    for module, known in (
+        (_blocks, "BLOCK"),
+        (_hankel, "AT_A_TIME"),
+        (_local_spectra, "AT_A_TIME"),
+        (_outliers, "BLOCK"),
+    ):
+        monkeypatch.setattr(module, known, size)
     for each, wanted in zip(tried, expected, strict=True):
         assert_same_rotation(run(*each), wanted, 1e-10)
 
