@@ -5,6 +5,8 @@ from types import ModuleType
 
 import pytest
 import torch
+from filters_under_test import ALL
+from torch import nn
 
 torch.set_num_threads(1)  # one process a core runs the suite: more threads only wait for each other
 
@@ -19,6 +21,12 @@ def rng() -> torch.Generator:
 @pytest.fixture(params=[torch.float64, torch.float32], ids=["f64", "f32"])
 def dtype(request: pytest.FixtureRequest) -> torch.dtype:
     return request.param
+
+
+@pytest.fixture(params=ALL)
+def run(request: pytest.FixtureRequest) -> nn.Module:
+    """Every filter of the package in turn."""
+    return ALL[request.param]
 
 
 @pytest.fixture

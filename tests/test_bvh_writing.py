@@ -24,7 +24,7 @@ from bvh_files import (
 from motions import assert_same_rotation, numpy_of, random_rotations
 from pymotion.io.bvh import BVH
 
-from torchquat import io, so3
+from torchquat import Skeleton, io, so3
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 REAL = sorted([*SHARED.glob("bvh/*.bvh"), *SHARED.glob("cmu/*.bvh")])
@@ -229,3 +229,48 @@ def test_missing_rotations_are_refused(load, tmp_path):
     with pytest.raises(ValueError, match="q must hold no missing rotation to be written, got some"):
         io.save(before.with_rotations(q), tmp_path / "out.bvh")
     assert not (tmp_path / "out.bvh").exists()
+
+
+def test_a_file_for_a_motion_from_elsewhere(tmp_path, rng):
+    """Every line of it: the root's position channels first, no position on any other joint."""
+    offsets = torch.tensor([[1.0, 2, 3], [0, 4, 0], [0.5, 0, 0]]).double()
+    skeleton = Skeleton(("hip", "leg", "arm"), (-1, 0, 0), offsets, ((2, (0.0, 1.5, 0.0)),))
+    q = random_rotations(2, 3, rng=rng)
+    place = torch.tensor([[1.0, 2.5, 3], [1.25, 2.5, 3]]).double()
+    motion = io.Motion(q, 50.0, skeleton.names, skeleton=skeleton, root_position=place)
+    io.save(motion, tmp_path / "new.bvh")
+    *header, first, second = (tmp_path / "new.bvh").read_text(encoding="ascii").splitlines()
+    turns = "Zrotation Xrotation Yrotation"
+    assert header == [
+        "HIERARCHY",
+        "ROOT hip",
+        "{",
+        "\tOFFSET 1.000000 2.000000 3.000000",
+        f"\tCHANNELS 6 Xposition Yposition Zposition {turns}",
+        "\tJOINT leg",
+        "\t{",
+        "\t\tOFFSET 0.000000 4.000000 0.000000",
+        f"\t\tCHANNELS 3 {turns}",
+        "\t}",
+        "\tJOINT arm",
+        "\t{",
+        "\t\tOFFSET 0.500000 0.000000 0.000000",
+        f"\t\tCHANNELS 3 {turns}",
+        "\t\tEnd Site",
+        "\t\t{",
+        "\t\t\tOFFSET 0.000000 1.500000 0.000000",
+        "\t\t}",
+        "\t}",
+        "}",
+        "MOTION",
+        "Frames: 2",
+        "Frame Time: 0.02000000",
+    ]
+    assert [row.split()[:3] for row in (first, second)] == [
+        ["1.000000", "2.500000", "3.000000"],
+        ["1.250000", "2.500000", "3.000000"],
+    ]
+    back = io.load(tmp_path / "new.bvh")
+    assert_same_rotation(back.q, q, DECIMALS)
+    with pytest.raises(ValueError, match=r"q must have shape \(2, 3, 4\), got \(1, 3, 4\)"):
+        io.save(back.with_rotations(q[:1]), tmp_path / "short.bvh")

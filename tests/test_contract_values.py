@@ -8,7 +8,7 @@ import math
 
 import pytest
 import torch
-from filters_under_test import ALL, APART
+from filters_under_test import APART
 from motions import (
     BOUND,
     IDENTITY,
@@ -29,11 +29,6 @@ from torchquat import (
 )
 
 GRADIENT = {"eps": 1e-6, "atol": 1e-5, "rtol": 1e-3}
-
-
-@pytest.fixture(params=ALL)
-def run(request):
-    return ALL[request.param]
 
 
 def bilateral(q):

@@ -4,15 +4,9 @@ import copy
 
 import pytest
 import torch
-from filters_under_test import ALL
 from motions import BOUND, assert_same_rotation, smooth_motion
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
-
-
-@pytest.fixture(params=ALL)
-def run(request):
-    return ALL[request.param]
 
 
 @pytest.fixture

@@ -222,3 +222,45 @@ def test_functions_with_a_removable_singularity_have_all_their_digits(grad):
         (cosine, np.cos(root)),
     ):
         assert np.abs(actual.detach().numpy() / expected - 1.0).max() < 2e-15
+
+
+def test_midpoints(rng):
+    """Halfway on the short arc, in the hemisphere of the first."""
+    a, b = random_rotations(2, 50, rng=rng)
+    for other in (b, -b):
+        half = so3.midpoint(a, other)
+        assert_same_rotation(half, so3.slerp(a, other, 0.5), 1e-12)
+        assert ((half * a).sum(-1) > 0).all()
+        assert torch.allclose(half.norm(dim=-1), torch.ones(50).double(), atol=1e-12)
+
+
+def test_turns_both_ways(rng):
+    q, v = random_rotations(20, rng=rng), torch.randn(20, 3, generator=rng).double()
+    ahead, back = so3.turn_both_ways(q, v)
+    assert_same_rotation(ahead, so3.turn(q, v), 1e-12)
+    assert_same_rotation(back, so3.turn(q, -v), 1e-12)
+
+
+def test_A7_distances_of_every_size_side_by_side():
+    """Angles whose squares underflow beside large ones and none."""
+    angle = torch.tensor([0.0, 1e-30, 1e-22, 1e-4, 0.5, 3.0])
+    q = so3.exp(torch.stack([angle, 0 * angle, 0 * angle], -1))
+    found = so3.distance(torch.tensor([0.0, 0.0, 0.0, 1.0]).expand(6, 4), q)
+    assert found[0] == 0 and torch.allclose(found, angle, rtol=1e-6, atol=0.0)
+
+
+def test_B11_the_default_device_has_no_effect(rng):
+    q, v = random_rotations(5, rng=rng), torch.ones(5, 3).double()
+    odd = torch.cat([q[:3], 1e200 * q[3:4], torch.zeros(1, 4).double()])
+    calls = {
+        "normalize": lambda: so3.normalize(odd),
+        "inverse": lambda: so3.inverse(q),
+        "turn": lambda: so3.turn(q, v),
+        "slerp": lambda: so3.slerp(q, q.roll(1, 0), 0.3),
+        "distance": lambda: so3.distance(q, q.roll(1, 0)),
+        "rotate": lambda: so3.rotate(q, v),
+    }
+    expected = {name: call() for name, call in calls.items()}
+    with torch.device("meta"):
+        for name, call in calls.items():
+            assert torch.equal(call(), expected[name]), name

@@ -98,3 +98,19 @@ def test_restore_gives_back_hemisphere_and_dtype():
     q = torch.stack([IDENTITY, -IDENTITY])[:, None].half()
     result = timeline.restore(IDENTITY.expand(2, 1, 4), q.double(), q)
     assert torch.equal(result, q)
+
+
+@pytest.mark.parametrize("boundary", BOUNDARIES)
+@pytest.mark.parametrize("frames", [0, 1, 4])
+def test_B11_padding_goes_where_the_signal_is(boundary, frames, rng):
+    q = random_rotations(frames, 2, rng=rng) if frames else torch.zeros(0, 2, 4).double()
+    for trust in (None, torch.rand(frames, 2, generator=rng).double()):
+        expected = timeline.pad(q, trust, 2, boundary)
+        with torch.device("meta"):
+            found = timeline.pad(q, trust, 2, boundary)
+        assert torch.equal(found[0], expected[0])
+        if trust is None and boundary != "truncate" and frames:
+            assert found[1] is None and expected[1] is None
+        else:
+            assert torch.equal(found[1], expected[1])
+            assert found[1].dtype == q.dtype
