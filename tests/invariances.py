@@ -4,12 +4,20 @@ A filter is a function of rotations ``(..., T, J, 4)`` and an optional weight.
 """
 
 from collections.abc import Callable
+from typing import Any, Protocol
 
 import torch
 from motions import BOUND, angle_between, assert_same_rotation, random_rotations, special_orthogonal
 from torch import Tensor
 
 Filter = Callable[..., Tensor]
+
+
+class Transform(Protocol):
+    """There and back."""
+
+    def __call__(self, q: Tensor) -> Any: ...
+    def inverse(self, pyramid: Any) -> Tensor: ...
 
 
 def check_sign_flips(run: Filter, q: Tensor, rng: torch.Generator) -> None:
@@ -105,3 +113,10 @@ def check_does_not_look_ahead(run: Filter, q: Tensor, rng: torch.Generator) -> N
     other[..., frame:, :, :] = random_rotations(*other[..., frame:, :, 0].shape, rng=rng)
     ahead = angle_between(run(q), run(other))[..., :frame, :]
     assert (ahead == 0).all(), "a causal filter looks ahead"
+
+
+def check_comes_back(transform: Transform, q: Tensor) -> None:
+    """Perfect reconstruction: a transform and its inverse give back every frame."""
+    back = transform.inverse(transform(q))
+    assert back.shape == q.shape, f"{q.shape[-3]} frames in, {back.shape[-3]} out"
+    assert_same_rotation(back, q, BOUND[q.dtype])

@@ -7,7 +7,7 @@ import reference
 import torch
 from motions import assert_same_rotation, numpy_of, random_rotations, smooth_motion
 
-from torchquat import bilateral_filter, gaussian_filter, so3
+from torchquat import LiftingTransform, bilateral_filter, gaussian_filter, scale_details, so3
 
 
 def good(q, weight=None):
@@ -71,6 +71,32 @@ def nan_spreader(q, weight=None):
     return so3.normalize(q) + 0 * q.sum(-3, keepdim=True)
 
 
+def softmax_spreader(q, weight=None):
+    """A missing frame is left out of the mean, but not of the softmax over its window."""
+    unit = so3.normalize(q)
+    near = unit.unfold(-3, 3, 1).movedim(-1, 0)
+    known = near.isfinite().all(-1)
+    logits = torch.where(known, 0.0, q.unfold(-3, 3, 1).movedim(-1, 0).sum(-1) * 0.0)
+    m = torch.softmax(logits, 0)[..., None]
+    inner = so3.normalize((m * so3.align(near, near[1:2])).sum(0))
+    return torch.cat([unit[..., :1, :, :], inner, unit[..., -1:, :, :]], -3)
+
+
+class DropsTheLastFrame(LiftingTransform):
+    """Where the number of frames is odd."""
+
+    def inverse(self, pyramid):
+        q = super().inverse(pyramid)
+        return q[..., : q.shape[-3] // 2 * 2, :, :]
+
+
+class HalvesDetails(LiftingTransform):
+    """A transform that denoises a little."""
+
+    def inverse(self, pyramid):
+        return super().inverse(scale_details(pyramid, [0.5] * len(pyramid.details)))
+
+
 def gap_keeper(q, weight=None):
     """A missing frame is read as the identity."""
     return gaussian_filter(so3.normalize(q), sigma_t=1.0)
@@ -118,6 +144,7 @@ FAULTS = [
     (invariances.check_joints_do_not_mix, joint_mixer),
     (invariances.check_time_reversal, one_sided),
     (invariances.check_missing_frame_stays_alone, nan_spreader),
+    (invariances.check_missing_frame_stays_alone, softmax_spreader),
     (invariances.check_missing_frame_stays_alone, gap_keeper),
     (invariances.check_missing_frame_has_no_gradient, nan_spreader),
     (invariances.check_scale_and_input_untouched, writer),
@@ -141,6 +168,13 @@ def test_sees_the_fault(check, fault, q, rng):
 @pytest.mark.parametrize("check", dict.fromkeys(check for check, _ in FAULTS[:-1]))
 def test_passes_a_good_filter(check, q, rng):
     check(good, *arguments(check, q, rng))
+
+
+@pytest.mark.parametrize("fault", [DropsTheLastFrame, HalvesDetails])
+def test_B4_sees_what_does_not_come_back(fault, q):
+    invariances.check_comes_back(LiftingTransform("linear"), q)
+    with pytest.raises(AssertionError):
+        invariances.check_comes_back(fault("linear"), q)
 
 
 def test_B19_sees_a_batch_mixer(rng):
