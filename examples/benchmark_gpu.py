@@ -6,6 +6,7 @@ Each filter is timed forward and with the backward pass, as it is or compiled, o
 a thousand frames in float32. Its share is the time of a copy of the input over its own.
 """
 
+import math
 import platform
 import sys
 from collections.abc import Callable, Sequence
@@ -61,20 +62,23 @@ def forward(module: Callable[[Tensor], Tensor], q: Tensor) -> Callable[[], objec
 
 def measured(call: Callable[[], object], q: Tensor, copying: float) -> str:
     """Time, share of copy speed, and memory beyond the input at the peak."""
-    on_gpu = q.device.type == "cuda"
     try:
         call()
-        if on_gpu:
-            torch.cuda.reset_peak_memory_stats()
-            before = torch.cuda.memory_allocated()
-            call()
-            torch.cuda.synchronize()
-            extra = (torch.cuda.max_memory_allocated() - before) / q.nbytes
+        extra = _extra_memory(call) / q.nbytes if q.device.type == "cuda" else math.nan
         taken = seconds(call)
     except torch.OutOfMemoryError:
         return "out of memory"
-    memory = f"{extra:6.1f} x the input" if on_gpu else "not measured"
-    return f"{1e9 * taken / q[..., 0].numel():9.4f} ns {100 * copying / taken:7.2f} %  {memory}"
+    share = 100 * copying / taken
+    return f"{1e9 * taken / q[..., 0].numel():9.4f} ns {share:7.2f} % {extra:6.1f} x the input"
+
+
+def _extra_memory(call: Callable[[], object]) -> int:
+    """Bytes of the GPU's memory at the peak, beyond what was there."""
+    torch.cuda.reset_peak_memory_stats()
+    before = torch.cuda.memory_allocated()
+    call()
+    torch.cuda.synchronize()
+    return torch.cuda.max_memory_allocated() - before
 
 
 def _benchmark(arguments: jsonargparse.Namespace) -> int:
