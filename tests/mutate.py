@@ -1,11 +1,12 @@
 """Break the package on purpose, a little at a time: do its tests see it?
 
-python tests/mutate.py FOLDER [--only core ...] [--ends 27] [--jobs 2]
+python tests/mutate.py FOLDER [--only core ...] [--ends 27] [--jobs 2] [--again REPORT]
 
 mutmut changes one thing at a time (an operator, a number, a default, an argument) in copies of the
 repository under FOLDER and runs the tests of ``GROUPS`` that reach the changed function. Printed
 are how many changes each file's tests saw, and every change that none of them saw. A second call
-goes on where the first was stopped. Needs ``pip install -e '.[mutate]'``.
+goes on where the first was stopped. ``--ends 5`` tries every tenth change. Needs
+``pip install -e '.[mutate]'``.
 """
 
 import argparse
@@ -15,6 +16,7 @@ import subprocess
 import sys
 from collections import Counter, defaultdict
 from dataclasses import dataclass
+from fnmatch import fnmatch
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -140,6 +142,13 @@ def report(folder: Path) -> str:
     return "\n".join([*lines, *(f"{changed(folder, name)} ({found[name]})" for name in missed)])
 
 
+def unseen(path: Path, group: Group) -> list[str]:
+    """Changes of a group that a printed report lists."""
+    names = re.findall(r"^  (torchquat\S+)$", path.read_text(encoding="utf-8"), re.M)
+    files = [f"torchquat.{name.replace('/', '.')}.*" for name in group.files.split()]
+    return [name for name in names if any(fnmatch(name, pattern) for pattern in files)]
+
+
 def main() -> int:
     """Try the groups in turn."""
     parser = argparse.ArgumentParser(description="Do the tests see the package broken?")
@@ -147,18 +156,17 @@ def main() -> int:
     parser.add_argument("--only", choices=GROUPS, nargs="+", default=list(GROUPS))
     parser.add_argument("--ends", default="0123456789", help="last digits of changes to try")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--again", type=Path, help="only what this former report lists as not seen")
     parser.add_argument("--report", action="store_true", help="only print what was found before")
     arguments = parser.parse_args()
     for name in arguments.only:
         folder = arguments.folder / name
         copy(folder, GROUPS[name])
         if not arguments.report:
-            jobs = ["--max-children", str(arguments.jobs)]
-            subprocess.run(
-                [sys.executable, "-m", "mutmut", "run", *jobs, f"*[{arguments.ends}]"],
-                cwd=folder,
-                check=True,
-            )
+            names = unseen(arguments.again, GROUPS[name]) if arguments.again else []
+            run = ["run", "--max-children", str(arguments.jobs)]
+            command = [sys.executable, "-m", "mutmut", *run, *(names or [f"*[{arguments.ends}]"])]
+            subprocess.run(command, cwd=folder, check=True)
         print(f"{name}\n{report(folder)}", flush=True)
     return 0
 

@@ -282,6 +282,13 @@ def test_D18_a_line_without_an_end(refused):
     assert len(refused("HIERARCHY " + "x" * 10_000_000)) < 200
 
 
+def test_offsets_keep_all_their_digits(read):
+    motion = read(bvh_text(joint("hip", ROTATIONS, end_site="0.1 0.2 0.7"), rows=[[1, 2, 3]]))
+    assert motion.skeleton.end_sites == ((0, (0.1, 0.2, 0.7)),)
+    text = one_joint(*ROWS).replace("OFFSET 0 0 0", "OFFSET 0.1 -0.7 1e-17", 1)
+    assert read(text).skeleton.offsets.tolist() == [[0.1, -0.7, 1e-17]]
+
+
 def test_D19_angles_beyond_full_turns(read):
     q = read(one_joint("600 -190 725", "240 170 5")).q
     assert_same_rotation(q[0], q[1], 1e-12)

@@ -75,7 +75,7 @@ def test_B1_B2_one_frame_and_none(boundary, radius, rng):
     expected = 1.0 if boundary == "truncate" else 1.0 + 2 * radius
     assert trust[:, 0].sum() == expected
     nothing, trust = padded(q[:0], boundary, radius)
-    assert nothing.shape == (2 * radius, 2, 4) and not trust.any()
+    assert torch.equal(nothing, IDENTITY.expand(2 * radius, 2, 4)) and not trust.any()
 
 
 @pytest.mark.parametrize("boundary", BOUNDARIES)
@@ -114,3 +114,14 @@ def test_B11_padding_goes_where_the_signal_is(boundary, frames, rng):
         else:
             assert torch.equal(found[1], expected[1])
             assert found[1].dtype == q.dtype
+
+
+@pytest.mark.parametrize("frames", [1, 2, 7, 8])
+@pytest.mark.parametrize("compiling", [False, True])
+def test_frames_taken_apart_and_put_together(frames, compiling, rng, monkeypatch):
+    monkeypatch.setattr(torch.compiler, "is_compiling", lambda: compiling)
+    q = random_rotations(2, frames, 3, rng=rng)
+    even, odd = timeline.halves(q)
+    assert torch.equal(even, q[:, ::2]) and torch.equal(odd, q[:, 1::2])
+    assert torch.equal(timeline.interleave(even, odd), q)
+    assert torch.equal(timeline.first_frames(q, frames - 1), q[:, : frames - 1])

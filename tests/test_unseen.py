@@ -5,7 +5,7 @@ import torch
 from filters_under_test import ALL
 from motions import assert_same_rotation, random_rotations, smooth_motion
 
-from torchquat import _blocks, timeline
+from torchquat import _blocks
 from torchquat.filters import _hankel, _local_spectra, _outliers
 
 
@@ -54,15 +54,3 @@ def test_parts_of_any_size(name, size, rng, monkeypatch):
         monkeypatch.setattr(module, known, size)
     for each, wanted in zip(tried, expected, strict=True):
         assert_same_rotation(run(*each), wanted, 1e-10)
-
-
-@pytest.mark.parametrize("frames", [1, 2, 7, 8])
-@pytest.mark.parametrize("seen", [True, False])
-def test_frames_taken_apart_and_put_together(frames, seen, rng, unseen):
-    if not seen:
-        unseen()
-    q = random_rotations(2, frames, 3, rng=rng)
-    even, odd = timeline.halves(q)
-    assert torch.equal(even, q[:, ::2]) and torch.equal(odd, q[:, 1::2])
-    assert torch.equal(timeline.interleave(even, odd), q)
-    assert torch.equal(timeline.first_frames(q, frames - 1), q[:, : frames - 1])
