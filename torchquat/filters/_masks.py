@@ -10,7 +10,7 @@ from torchquat._planes import Vector
 from torchquat.filters._lee_shin import move, tangent_mean
 from torchquat.timeline import Boundary
 
-__all__ = ["as_mask", "convolve", "masked_mean"]
+__all__ = ["as_mask", "check_mask", "convolve", "masked_mean"]
 
 
 def convolve(
@@ -68,3 +68,9 @@ def as_mask(mask: Tensor | Sequence[float], like: Tensor) -> Tensor:
     # what is too small to divide by would make a mean of nothing
     mask = torch.where(mask.abs() >= torch.finfo(mask.dtype).tiny, mask, 0.0)
     return mask.reshape(len(mask), -1)
+
+
+def check_mask(mask: Tensor) -> None:
+    """Raise unless the mask is finite and can be divided by its sum, where that can be seen."""
+    if visible(mask) and not bool(mask.isfinite().all() and (mask.sum(0) > 0).all()):
+        raise ValueError(f"mask must be finite with a sum > 0, got {mask.squeeze(-1).tolist()}.")

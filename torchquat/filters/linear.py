@@ -16,7 +16,7 @@ from torchquat.filters._bandwidth import (
     shown,
 )
 from torchquat.filters._lee_shin import move
-from torchquat.filters._masks import as_mask, convolve, masked_mean
+from torchquat.filters._masks import as_mask, check_mask, convolve, masked_mean
 from torchquat.timeline import BOUNDARIES, Boundary
 
 __all__ = ["GaussianFilter", "LinearFilter", "gaussian_filter", "linear_filter"]
@@ -53,7 +53,8 @@ def linear_filter(
 
     Raises:
         TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
-        ValueError: If a shape or boundary name is invalid, or ``mask`` has an even length.
+        ValueError: If a shape or boundary name is invalid, or ``mask`` has an even length, is not
+            finite, or does not sum to a positive value.
 
     Reference:
         Lee and Shin, "General Construction of Time-Domain Filters for Orientation Data", IEEE TVCG
@@ -65,6 +66,7 @@ def linear_filter(
     mask = as_mask(mask, unit)
     if causal:
         mask = torch.cat([mask[: len(mask) // 2 + 1], torch.zeros_like(mask[: len(mask) // 2])])
+    check_mask(mask)
     mask = mask / mask.sum(0)
 
     boundary = timeline.past_boundary(boundary, causal)
@@ -136,8 +138,7 @@ class LinearFilter(nn.Module):
         check_choice("boundary", boundary, BOUNDARIES)
         values = torch.as_tensor(mask, dtype=torch.float64).detach()
         as_mask(values, values)
-        if not bool(values.isfinite().all() and (values.sum(0) > 0).all()):
-            raise ValueError(f"mask must be finite with a sum > 0, got {values.tolist()}.")
+        check_mask(values)
         self.register_buffer("mask", values.float())
         self.boundary: Boundary = boundary
         self.causal = len(values) > 1 and not bool(values[len(values) // 2 + 1 :].any())
