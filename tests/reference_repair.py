@@ -7,7 +7,7 @@ import functools
 import math
 
 import numpy as np
-from reference import between, conjugate, multiply, quaternion, rotation_vector
+from reference import between
 
 REACH = 4
 LEVELS = (1.0, 10.0, 100.0, 1e3, 1e4)
@@ -173,21 +173,3 @@ def good_samples(q, present, sigma=0.0):
             level = noise_level(q, good)
         good = judged(q, present, good, level, floor, noise)
     return np.array(good), level
-
-
-def stretch_back(q, begin, end):
-    """Frames ``begin`` to ``end - 1`` moved back: by the excess of both jumps, evenly between."""
-
-    def excess(t):
-        half = [rotation_vector(multiply(conjugate(q[s - 1]), q[s])) / 2 for s in (t - 1, t + 1)]
-        step = multiply(conjugate(q[t - 1]), q[t])
-        return multiply(multiply(quaternion(-half[0]), step), quaternion(-half[1]))
-
-    away = excess(begin)
-    left = rotation_vector(multiply(away, excess(end)))
-    result = q.copy()
-    for t in range(begin, end):
-        share = (t - begin + 0.5) / (end - begin)
-        here = multiply(quaternion(-share * left), away)
-        result[t] = multiply(q[t], conjugate(here))
-    return result

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-__all__ = ["LONGEST", "running_maximum", "running_minimum", "running_product"]
+__all__ = ["LONGEST", "doublings", "running_maximum", "running_minimum", "running_product"]
 
 _DOUBLINGS = 20
 LONGEST = 2**_DOUBLINGS
@@ -25,6 +25,12 @@ def _exporting() -> bool:
     """
     flag = getattr(torch.compiler, "_is_exporting_flag", None)
     return torch.compiler.is_compiling() if flag is None else flag
+
+
+def doublings(frames: int) -> list[int]:
+    """Steps that together cover so many frames; compiled programs make those of any length."""
+    steps = [2**n for n in range(_DOUBLINGS)]
+    return steps if torch.compiler.is_compiling() else [step for step in steps if step < frames]
 
 
 def running_maximum(x: Tensor, dim: int) -> Tensor:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from torchquat import _eager, _planes, so3
-from torchquat._running import running_maximum
+from torchquat._running import doublings, running_maximum, running_minimum
 from torchquat.filters._rows import all_places, places, quaternions_of, rows_of, unrowed
 
 __all__ = ["undone"]
@@ -132,7 +132,7 @@ def _displacement(jumps: _Jumps) -> Tensor:
 
     # the same with time reversed, for what begins before the sequence
     source = (frames - torch.arange(frames, device=frame.device)).clamp(max=frames - 1)
-    free = free.index_select(-2, source) & (frame > 0)
+    free = free.index_select(-2, source)
     ahead = _first_come(_to_the_end(free))
     at = places(free)
     at = all_places(free) if at is None else at
@@ -143,11 +143,18 @@ def _displacement(jumps: _Jumps) -> Tensor:
 
 
 def _first_come(length: Tensor) -> Tensor:
-    """Only those stretches that begin behind the end of all earlier ones."""
-    frame = torch.arange(length.shape[-2], device=length.device)[:, None]
-    end = running_maximum(torch.where(length > 0, frame + length, -1), -2)
-    before = end.index_select(-2, (frame[:, 0] - 1).clamp(min=0))
-    return torch.where((before < frame) | (frame == 0), length, 0)
+    """Of stretches the first, then each time the first that begins behind the end of the last."""
+    frames = length.shape[-2]
+    frame = torch.arange(frames + 1, device=length.device)[:, None]
+    longer = torch.nn.functional.pad(length, (0, 0, 0, 1))  # what follows the last is `frames`
+    coming = running_minimum(torch.where(longer > 0, frame, frames).flip(-2), -2).flip(-2)
+    following = coming.gather(-2, (frame + longer + 1).clamp(max=frames))
+    taken = frame == coming.narrow(-2, 0, 1)
+    for _ in doublings(frames):
+        ahead = torch.where(taken, following, frames)
+        taken = taken | torch.zeros_like(taken).scatter(-2, ahead, True)
+        following = following.gather(-2, following)
+    return torch.where(taken.narrow(-2, 0, frames), length, 0)
 
 
 def _to_the_end(chosen: Tensor) -> Tensor:
