@@ -73,7 +73,7 @@ GROUPS = {
     ),
     "repair": Group(
         "filters/_outliers filters/_pops filters/_kriging filters/_rows filters/repair",
-        "repair",
+        "repair pops",
         "repair",
     ),
 }

@@ -1,22 +1,25 @@
 """Repair: agreement with plain loops; what is found, what is left alone, what it is worth."""
 
-from itertools import accumulate
-
 import numpy as np
 import pytest
-import reference_pops as pops
 import reference_repair as reference
 import torch
 from motions import angle_between, assert_same_rotation, numpy_of, smooth_motion
 from test_spectral import swaying
 from torch.autograd import gradcheck
 
-from torchquat import OutlierRepair, denoise, noise, repair, so3
+from torchquat import OutlierRepair, denoise, fill_missing, noise, repair, so3
 from torchquat.filters import _kriging
 from torchquat.filters._kriging import LEVELS, around, predict
 from torchquat.filters._outliers import find_outliers
-from torchquat.filters._pops import undone
+from torchquat.filters.repair import _filled
 
+LIMITS = [
+    (0.32, None, True),  # 0.9 of 0.35 rad, below which what was flagged comes back
+    (0.31, None, False),
+    (1.00, 0.1, True),
+    (0.90, 0.1, False),  # noise may go so far
+]
 WILD = torch.tensor([0.4, -0.5, 0.6], dtype=torch.float64)
 
 
@@ -55,12 +58,12 @@ def test_tables_are_solved_anew_to_the_same():
         assert torch.equal(torch.from_numpy(made), kept)
 
 
-@pytest.mark.parametrize("sigma", [0.0, 0.05])
+@pytest.mark.parametrize(("sigma", "share"), [(0.0, 0.12), (0.05, 0.12), (0.0, 0.35), (0.02, 0.25)])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_flags_agree_with_plain_loops(sigma, seed):
+def test_flags_agree_with_plain_loops(sigma, share, seed):
     rng = torch.Generator().manual_seed(seed)
     clean = swaying(frames=40, joints=4)
-    q = noise.gaussian(noise.impulse(clean, 0.5, share=0.12, generator=rng), sigma, generator=rng)
+    q = noise.gaussian(noise.impulse(clean, 0.5, share=share, generator=rng), sigma, generator=rng)
     q = noise.flip_signs(q, generator=rng)
     present = torch.rand(40, 4, generator=rng) < 0.95
     found = find_outliers(q, present, torch.tensor(sigma))
@@ -70,73 +73,39 @@ def test_flags_agree_with_plain_loops(sigma, seed):
         )
         assert found.level[0, joint] == level
         assert np.array_equal(found.good[:, joint].numpy(), good)
-    assert 3 < (present & ~found.good).sum() < 40
+    assert 3 < (present & ~found.good).sum() < 80
 
 
-def wandering(frames, rng):
-    """Steps of many sizes, and stretches of any length beside it, of joints ``(T, 2, 4)``."""
-    size = 0.02 * 16 ** torch.rand(1, generator=rng, dtype=torch.float64)
-    calm = torch.rand(frames, 2, 1, generator=rng, dtype=torch.float64).square()
-    step = so3.exp(size * calm * torch.randn(frames, 2, 3, generator=rng, dtype=torch.float64))
-    q = torch.stack(list(accumulate(step, so3.compose)))
-    for joint in (0, 1, 1):
-        begin, length = (int(torch.randint(n, (1,), generator=rng)) for n in (frames, 30))
-        v = torch.randn(3, generator=rng, dtype=torch.float64)
-        v = v / v.norm() * (0.25 + 0.9 * torch.rand(1, generator=rng, dtype=torch.float64))
-        q = displaced(q, begin, begin + length, joint, v)
-        again = begin + length + int(torch.randint(20, (1,), generator=rng))
-        q = displaced(q, again, again + length, joint, v)
-    return q
-
-
-def test_stretches_agree_with_plain_loops(rng):
-    moved = 0
-    for _ in range(60):
-        frames = int(torch.randint(3, 90, (1,), generator=rng))
-        q, present = wandering(frames, rng), torch.rand(frames, 2, generator=rng) < 0.97
-        level = torch.tensor([[0.0, 0.03]], dtype=torch.float64)
-        found = undone(q, present, level)
-        for joint in range(2):
-            known = numpy_of(q[:, joint]), present[:, joint].numpy()
-            expected = pops.moved_back(*known, float(level[0, joint]))
-            assert_same_rotation(found[:, joint], torch.from_numpy(expected), 1e-8)
-            moved += not torch.equal(found[:, joint], q[:, joint])
-    assert moved > 20
+@pytest.mark.parametrize(("jump", "sigma", "is_wild"), LIMITS)
+def test_limits_of_wild_samples(jump, sigma, is_wild):
+    turn = torch.tensor([0.6, 0.0, 0.8], dtype=torch.float64)
+    q = displaced(so3.exp(torch.zeros(90, 2, 3, dtype=torch.float64)), 40, 41, v=jump * turn)
+    _, trust = repair(q, sigma=sigma)
+    assert (trust == 0).nonzero().tolist() == ([[40, 1]] if is_wild else [])
 
 
 @pytest.mark.parametrize(
-    ("begin", "end", "speed", "jump", "is_moved"),
+    ("gone", "predicted"),
     [
-        (60, 70, 0.0, 0.31, True),
-        (60, 70, 0.0, 0.29, False),
-        (60, 62, 0.0, 0.31, True),
-        (1, 6, 0.0, 0.31, True),
-        (60, 84, 0.0, 0.31, True),
-        (60, 85, 0.0, 0.31, False),
-        (60, 70, 0.1, -0.41, True),  # what jumps against the motion is a shorter step
-        (60, 70, 0.1, -0.39, False),
-        (60, 70, 0.1, 0.41, True),
-        (60, 70, 0.1, 0.39, False),
-        (105, 120, 0.0, 0.51, True),
-        (105, 120, 0.0, 0.49, False),
-        (104, 120, 0.0, 0.51, False),
-        (0, 15, 0.0, 0.51, True),
-        (0, 16, 0.0, 0.51, False),
+        ([0], [0]),
+        ([29], [29]),
+        ([0, 1, 2], [2]),  # nothing near one side of the others
+        ([27, 28, 29], [27]),
+        ([10, 11, 12, 13, 14], [10, 11, 12, 13, 14]),
+        (list(range(10, 19)), [10, 18]),
     ],
 )
-def test_limits_of_stretches(begin, end, speed, jump, is_moved):
-    turn = torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64)
-    clean = so3.exp(speed * torch.arange(120.0)[:, None, None] * turn.expand(1, 2, 3))
-    q = displaced(clean, begin, end, v=jump * turn)
-    found = undone(q, torch.ones(120, 2, dtype=torch.bool), torch.zeros(1, 2, dtype=torch.float64))
-    assert_same_rotation(found, clean if is_moved else q, 1e-9)
-
-
-def test_stretches_that_come_again():
-    clean = q = swaying()
-    for begin in (60, 80, 100, 115):
-        q = displaced(q, begin, begin + 10)
-    assert angle_between(repair(q)[0], clean).max() < 0.01
+def test_what_is_filled_lies_near_a_side_or_between(gone, predicted, rng):
+    q = smooth_motion(frames=30, joints=1, rng=rng)
+    good = torch.ones(30, 1, dtype=torch.bool)
+    good[gone] = False
+    found = _filled(q, good, torch.tensor([[1]]))[:, 0]
+    expected, _ = reference.predicted(numpy_of(q[:, 0]), good[:, 0].numpy(), LEVELS[1])
+    between = fill_missing(q, good.double())[:, 0]
+    for t in gone:
+        wanted = torch.from_numpy(expected[t]) if t in predicted else between[t]
+        assert_same_rotation(found[t], wanted, 1e-7)
+    assert torch.equal(found[good[:, 0]], q[good])
 
 
 @pytest.mark.parametrize("places", [[50], [1], [70, 71], [30, 33, 90]])
@@ -167,28 +136,6 @@ def test_many_wild_samples(share, rng):
     clean = swaying()
     result = denoise(noise.impulse(clean, 0.5, share=share, generator=rng))
     assert angle_between(result, clean).square().mean().sqrt() < 0.01
-
-
-@pytest.mark.parametrize(
-    ("begin", "end"), [(60, 65), (60, 75), (0, 5), (0, 12), (188, 200), (195, 200), (150, 165)]
-)
-def test_stretches_are_moved_back(begin, end):
-    clean = swaying()
-    result, trust = repair(displaced(clean, begin, end))
-    assert (trust == 1).all()
-    assert angle_between(result, clean).max() < 0.01
-
-
-def test_stretches_that_cut_each_other_off(rng):
-    clean = swaying()
-    q = displaced(displaced(clean, 90, 98), 98, 110, v=-0.7 * WILD.roll(1))
-    assert angle_between(repair(q)[0], clean).max() < 0.02
-
-
-def test_stretches_in_noise(rng):
-    clean = swaying()
-    noisy = noise.gaussian(displaced(clean, 80, 92), 0.01, generator=rng)
-    assert angle_between(denoise(noisy), clean).max() < 0.06
 
 
 def test_lasting_changes_and_fast_gestures_stay():
