@@ -107,6 +107,13 @@ APART = {name: run for name, run in ALL.items() if name not in MIXING}
 """Filters that treat every joint as if it were alone."""
 
 AHEAD = "reads frames to come"
+GIVEN = {
+    **dict.fromkeys(
+        ("local-spectrum", "local-spectrum-short", "low-rank", "low-rank-short", "auto"),
+        "derivatives take gains, axes and the noise as given",
+    ),
+    "kernel-pca": "derivatives take the width of the kernel as given",
+}
 CANNOT: dict[str, dict[str, str]] = {
     "B1": {"bilateral-per-joint": "three bandwidths are not for no joints"},
     "C9": {
@@ -114,6 +121,12 @@ CANNOT: dict[str, dict[str, str]] = {
         **dict.fromkeys(ASYMMETRIC, "even frames are not odd ones, or one side counts more"),
         "nonlocal-embedding": "its embedding has learned one direction of time",
     },
+    "derivatives": GIVEN,
+    "second derivatives": GIVEN
+    | dict.fromkeys(
+        ("principal-components", "principal-components-share", "kernel-pca-narrow"),
+        "second derivatives leave out how components turn",
+    ),
     "joints": dict.fromkeys(MIXING, "joints of a group share weights, on purpose"),
     "ahead": dict.fromkeys((name for name in ALL if name not in CAUSAL), AHEAD),
 }

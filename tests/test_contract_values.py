@@ -8,7 +8,7 @@ import math
 
 import pytest
 import torch
-from filters_under_test import APART
+from filters_under_test import APART, every_filter
 from motions import (
     BOUND,
     IDENTITY,
@@ -20,9 +20,11 @@ from motions import (
 from torch.autograd import gradcheck, gradgradcheck
 
 from torchquat import (
+    _blocks,
     bilateral_filter,
     linear_filter,
 )
+from torchquat.noise import gaussian
 
 GRADIENT = {"eps": 1e-6, "atol": 1e-5, "rtol": 1e-3}
 
@@ -46,6 +48,69 @@ def test_A1_A2_C7_derivatives_at_identity(scale, kernel):
     if kernel == "gaussian":
         assert gradcheck(run, (q,), **GRADIENT)
         assert gradgradcheck(run, (q,), **GRADIENT)
+
+
+def differences(run, rng, frames=30):
+    """A derivative, what differences of values say of it, and the same for the next derivative."""
+    q = gaussian(smooth_motion(frames=frames, rng=rng), 0.1, generator=rng).requires_grad_()
+    slope, way, way_of_slopes = (
+        torch.randn(q.shape, generator=rng, dtype=torch.float64) for _ in range(3)
+    )
+
+    def derivative(q):
+        return torch.autograd.grad(run(q), q, slope, create_graph=True)[0]
+
+    def difference(of, way):
+        there, back = (of((q + step * way).detach().requires_grad_()) for step in (1e-6, -1e-6))
+        return (there - back) / 2e-6
+
+    found = derivative(q)
+    (second,) = torch.autograd.grad(found, q, way_of_slopes)
+    yield (found * way).sum(), (difference(run, way) * slope).sum()
+    yield (second * way).sum(), (difference(derivative, way) * way_of_slopes).sum()
+
+
+@every_filter("derivatives")
+def test_C7_derivatives_are_those_of_finite_differences(run, rng):
+    (found, expected), _ = differences(run, rng)
+    assert found.item() == pytest.approx(expected.item(), rel=1e-5)
+
+
+@every_filter("second derivatives")
+def test_C7_second_derivatives_are_those_of_finite_differences(run, rng):
+    _, (found, expected) = differences(run, rng)
+    assert found.item() == pytest.approx(expected.item(), rel=1e-4)
+
+
+def test_C7_first_derivatives_for_second_ones_are_the_same(run, rng):
+    """Backward passes of our own are used where no second derivative will be asked for."""
+    q = smooth_motion(frames=40, rng=rng).requires_grad_()
+    slope = torch.rand(q.shape, generator=rng, dtype=torch.float64)
+    alone, recorded = (
+        torch.autograd.grad(run(q), q, slope, create_graph=again)[0] for again in (False, True)
+    )
+    torch.testing.assert_close(alone, recorded, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("frames", [30, 1500])
+def test_C7_bandwidths_that_depend_on_the_signal(frames, rng, monkeypatch):
+    """What a network makes of the signal, and one of them of the other; in one block, in several."""
+    monkeypatch.setattr(_blocks, "BLOCK", 2048)
+
+    def run(q):
+        wide = 1.0 + q.square().mean()
+        narrow = 0.2 * wide + q[..., 0].square().mean()
+        weight = 0.1 + q[..., 0].square()
+        return bilateral_filter(q, weight, sigma_t=wide, sigma_g=narrow, radius=2)
+
+    (found, expected), (second, expected_second) = differences(run, rng, frames)
+    assert found.item() == pytest.approx(expected.item(), rel=1e-5)
+    assert second.item() == pytest.approx(expected_second.item(), rel=1e-4)
+    q = smooth_motion(frames=frames, rng=rng).requires_grad_()
+    alone, recorded = (
+        torch.autograd.grad(run(q).cumsum(-1).sum(), q, create_graph=c)[0] for c in (False, True)
+    )
+    torch.testing.assert_close(alone, recorded, rtol=1e-7, atol=1e-9)
 
 
 def test_A5_opposite_neighbours(run, rng):

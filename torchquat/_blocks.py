@@ -10,6 +10,7 @@ from torch import Tensor
 from torchquat import _planes
 from torchquat._eager import derivatives, recorded, visible
 from torchquat._planes import Quaternion
+from torchquat._pull_back import gradients
 
 __all__ = ["Window", "blocks", "in_windows"]
 
@@ -26,6 +27,7 @@ class Window(NamedTuple):
         items: Batch items of the block.
         start: Its first frame.
         frames: How many it has.
+        shared: What all blocks read.
     """
 
     q: Tensor
@@ -33,6 +35,7 @@ class Window(NamedTuple):
     items: slice
     start: int
     frames: int
+    shared: tuple[Any, ...]
 
 
 Make = Callable[[Window], Quaternion]
@@ -67,9 +70,9 @@ def in_windows(
     batch, frames = padded.shape[:-3], padded.shape[-3] - 2 * reach
     padded = padded.reshape(math.prod(batch), *padded.shape[-3:])
     trust = None if trust is None else trust.reshape(padded.shape[:-1])
-    tensors = [x for x in shared if isinstance(x, Tensor)]
+    plan = _Plan(make, reach, multiple, tuple(shared))
+    tensors = [x for x in plan.shared if isinstance(x, Tensor)]
     known = [x for x in (padded, trust, *tensors) if x is not None]
-    plan = _Plan(make, reach, multiple)
     count = sum(len(times) for _, times in blocks(padded[:, :frames], reach, multiple))
     if count > 1 and recorded(*known):
         result = cast(Tensor, _Recomputed.apply(plan, padded, trust, *tensors))
@@ -79,23 +82,30 @@ def in_windows(
 
 
 class _Plan(NamedTuple):
-    """How blocks are made and cut."""
+    """How blocks are made and cut, and what all of them read."""
 
     make: Make
     reach: int
     multiple: int
+    shared: tuple[object, ...]
+
+    def reading(self, tensors: Iterable[Tensor]) -> "_Plan":
+        """The same with other tensors in their places."""
+        others = iter(tensors)
+        shared = (next(others) if isinstance(x, Tensor) else x for x in self.shared)
+        return self._replace(shared=tuple(shared))
 
 
 def _assemble(plan: _Plan, padded: Tensor, trust: Tensor | None) -> Tensor:
     """Make ``(N, T, J, 4)`` block by block."""
-    make, reach, multiple = plan
+    make, reach, multiple, _ = plan
     like = padded[:, : padded.shape[1] - 2 * reach]
     made: list[Tensor] = []
     result = None
     for items, times in blocks(like, reach, multiple):
         row: list[Tensor] = []
         for start, frames in times:
-            planes = make(_window(padded, trust, reach, items, start, frames))
+            planes = make(_window(plan, padded, trust, items, start, frames))
             if derivatives(*planes):
                 row.append(_planes.join(planes))
                 continue
@@ -114,11 +124,12 @@ def _joined(parts: list[Tensor], dim: int) -> Tensor:
 
 
 def _window(
-    padded: Tensor, trust: Tensor | None, reach: int, items: slice, start: int, frames: int
+    plan: _Plan, padded: Tensor, trust: Tensor | None, items: slice, start: int, frames: int
 ) -> Window:
-    span = slice(start, start + frames + 2 * reach)
+    span = slice(start, start + frames + 2 * plan.reach)
     q = _planes.stacked(padded[items, span])
-    return Window(q, None if trust is None else trust[items, span], items, start, frames)
+    own = None if trust is None else trust[items, span]
+    return Window(q, own, items, start, frames, plan.shared)
 
 
 class _Recomputed(torch.autograd.Function):
@@ -137,8 +148,11 @@ class _Recomputed(torch.autograd.Function):
         (slope,) = grad_outputs
         padded, trust, *shared = ctx.saved_tensors
         if torch.is_grad_enabled():  # a derivative of this one will be asked for
-            result = _assemble(ctx.plan, padded, trust)
-            found = _gradients([result], [slope], [padded, trust, *shared], create_graph=True)
+            # under names of their own: one may depend on another, which is not for here to follow
+            padded, *shared = (x.view_as(x) for x in (padded, *shared))
+            trust = None if trust is None else trust.view_as(trust)
+            result = _assemble(ctx.plan.reading(shared), padded, trust)
+            found = gradients([result], [slope], [padded, trust, *shared], create_graph=True)
             return None, *found
         return None, *_block_gradients(ctx.plan, padded, trust, shared, slope)
 
@@ -151,13 +165,15 @@ def _block_gradients(
     slope: Tensor,
 ) -> list[Tensor | None]:
     """Gradients of the padded sequence, of its weights and of what all blocks share."""
-    make, reach, multiple = plan
+    make, reach, multiple, _ = plan
+    shared = [x.detach().requires_grad_(x.requires_grad) for x in shared]
+    plan = plan.reading(shared)
     signal = torch.zeros_like(_planes.stacked(padded.detach()))
     trusted = None if trust is None else torch.zeros_like(trust)
     common: list[Tensor | None] = [None for _ in shared]
     for items, times in blocks(slope, reach, multiple):
         for start, frames in times:
-            window = _window(padded.detach(), trust, reach, items, start, frames)
+            window = _window(plan, padded.detach(), trust, items, start, frames)
             q = window.q.detach().requires_grad_(padded.requires_grad)
             known = None
             if trust is not None and window.trust is not None:
@@ -165,7 +181,7 @@ def _block_gradients(
             with torch.enable_grad():
                 planes = make(window._replace(q=q, trust=known))
             slopes = _planes.split(slope[items, start : start + frames])
-            by_q, by_trust, *own = _gradients(planes, slopes, [q, known, *shared])
+            by_q, by_trust, *own = gradients(planes, slopes, [q, known, *shared])
             span = slice(start, start + frames + 2 * reach)
             if by_q is not None:
                 signal[:, items, span] += by_q
@@ -176,23 +192,6 @@ def _block_gradients(
                 for old, new in zip(common, own, strict=True)
             ]
     return [signal.movedim(0, -1), trusted, *common]
-
-
-def _gradients(
-    outputs: Sequence[Tensor],
-    slopes: Sequence[Tensor],
-    inputs: Sequence[Tensor | None],
-    *,
-    create_graph: bool = False,
-) -> list[Tensor | None]:
-    """Gradient of every input that wants one and has one."""
-    ends = [(y, g) for y, g in zip(outputs, slopes, strict=True) if y.requires_grad]
-    wanted = [x for x in inputs if x is not None and x.requires_grad]
-    if not ends or not wanted:
-        return [None for _ in inputs]
-    ys, gs = zip(*ends, strict=True)
-    found = iter(torch.autograd.grad(ys, wanted, gs, create_graph=create_graph, allow_unused=True))
-    return [next(found) if x is not None and x.requires_grad else None for x in inputs]
 
 
 def blocks(

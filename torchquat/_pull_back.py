@@ -4,7 +4,7 @@ It is used where operations are recorded one by one. Second derivatives, compile
 transforms get the formula itself.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import torch
@@ -12,7 +12,7 @@ from torch import Tensor
 
 from torchquat._eager import recorded
 
-__all__ = ["Formula", "Planes", "PullBack", "run"]
+__all__ = ["Formula", "Planes", "PullBack", "gradients", "run"]
 
 Planes = tuple[Tensor, ...]
 
@@ -55,9 +55,27 @@ class _Recorded(torch.autograd.Function):
         saved: Planes = ctx.saved_tensors
         inputs, results = saved[: ctx.inputs], saved[ctx.inputs :]
         if torch.is_grad_enabled():  # a derivative of this one will be asked for
+            # under names of their own: one may depend on another, which is not for here to follow
+            inputs = [x.view_as(x) for x in inputs]
             outputs = ctx.formula(*inputs)
-            wanted = [x for x in inputs if x.requires_grad]
-            found = iter(torch.autograd.grad(outputs, wanted, slopes, create_graph=True))
-            return None, None, None, *(next(found) if x.requires_grad else None for x in inputs)
+            found = gradients(outputs, slopes, inputs, create_graph=True)
+            return None, None, None, *found
         slopes = tuple(slope.contiguous() for slope in slopes)
         return None, None, None, *ctx.pull_back(inputs, results, slopes)
+
+
+def gradients(
+    outputs: Sequence[Tensor],
+    slopes: Sequence[Tensor],
+    inputs: Sequence[Tensor | None],
+    *,
+    create_graph: bool = False,
+) -> list[Tensor | None]:
+    """Gradient of every input that wants one and has one."""
+    ends = [(y, g) for y, g in zip(outputs, slopes, strict=True) if y.requires_grad]
+    wanted = [x for x in inputs if x is not None and x.requires_grad]
+    if not ends or not wanted:
+        return [None for _ in inputs]
+    ys, gs = zip(*ends, strict=True)
+    found = iter(torch.autograd.grad(ys, wanted, gs, create_graph=create_graph, allow_unused=True))
+    return [next(found) if x is not None and x.requires_grad else None for x in inputs]

@@ -42,7 +42,7 @@ def haar_denoised(q: Tensor, thresholds: Sequence[Tensor], shrinkage: Shrinkage)
     flat = [t.expand(*batch, 1, joints, 1).reshape(-1, 1, joints) for t in thresholds]
 
     def made(window: Window) -> Quaternion:
-        own = [t[window.items] for t in flat]
+        own = [t[window.items] for t in window.shared]
         step = _recorded if derivatives(window.q, *own) else _plain
         shrunk = _shrunk(_ordered(window.q, len(flat)), window.frames, own, shrinkage, step)
         return _planes.components(_planes.aligned(_in_time(shrunk, window.frames), window.q))

@@ -23,9 +23,9 @@ Weigh = Callable[[int, Callable[[], Tensor]], tuple[float | Tensor, float | Tens
 seen from the first, and of the first seen from the second. Each is a number, one per joint ``(J,)``
 or one per pair ``(..., P, J)``; ``squared_angle()`` gives those between both ``(..., P, J)``."""
 
-Step = Callable[[Tensor, Tensor | None], Vector]
-"""From a window's frames, components ``(4, ..., T + 2 radius, J)`` and weights (``None``: 1), to
-the rotation vectors ``(..., T, J)`` [rad] by which the frames inside are moved."""
+Step = Callable[..., Vector]
+"""From a window's frames, components ``(4, ..., T + 2 radius, J)``, their weights (``None``: 1) and
+what all windows share to the rotation vectors ``(..., T, J)`` [rad] that move the frames inside."""
 
 
 def move(
@@ -53,7 +53,9 @@ def move(
 
     def moved(window: Window) -> Quaternion:
         centre = window.q.narrow(-2, radius, window.frames)
-        return _operations.turned(_planes.components(centre), step(window.q, window.trust))
+        return _operations.turned(
+            _planes.components(centre), step(window.q, window.trust, *window.shared)
+        )
 
     return in_windows(moved, *timeline.pad(q, confidence, radius, boundary), radius, shared)
 
@@ -114,7 +116,8 @@ def _tangent_mean(
     known = (whole, trust, centre)
     if fixed and visible(whole) and not derivatives(*(x for x in known if isinstance(x, Tensor))):
         weighted, total = plain_mean(weigh, centre, radius, causal, trust, whole)
-        return *divided(weighted.unbind(0), total), total
+        mean = divided(weighted.unbind(0), total)
+        return *mean, total.expand_as(mean[0])
     q = _planes.components(whole)
     frames = q[0].shape[-2] - 2 * radius
     increment = _operations.between(

@@ -19,12 +19,12 @@ def convolve(
     """Filter with a mask ``(2k + 1, J or 1)`` that may have negative entries."""
     rising, falling = mask.clamp(min=0), mask.clamp(max=0)
 
-    def step(window: Tensor, trust: Tensor | None) -> Vector:
+    def step(window: Tensor, trust: Tensor | None, rising: Tensor, falling: Tensor) -> Vector:
         up, up_total = masked_mean(window, trust, rising, causal=causal)
-        if lowest(mask) >= 0:
+        if lowest(falling) >= 0:
             return up
         down, down_total = masked_mean(window, trust, -falling, causal=causal)
-        gain, loss, least = rising.sum(0), falling.sum(0), torch.finfo(mask.dtype).tiny
+        gain, loss, least = rising.sum(0), falling.sum(0), torch.finfo(rising.dtype).tiny
         # where one sign has no frame left, the other stands for both
         x, y, z = (
             gain * torch.where(up_total >= least, u, d)

@@ -90,11 +90,13 @@ def bilateral_filter(
         per_joint("sigma_g", sigma_g, prepared),
     )
 
-    def weigh_both(lag: int, squared_angle: Callable[[], Tensor]) -> tuple[Tensor, Tensor]:
-        m = weigh(lag, squared_angle(), sigma_t, sigma_g)
-        return m, m  # the distance is symmetric
+    def step(
+        window: Tensor, trust: Tensor | None, sigma_t: float | Tensor, sigma_g: float | Tensor
+    ) -> Vector:
+        def weigh_both(lag: int, squared_angle: Callable[[], Tensor]) -> tuple[Tensor, Tensor]:
+            m = weigh(lag, squared_angle(), sigma_t, sigma_g)
+            return m, m  # the distance is symmetric
 
-    def step(window: Tensor, trust: Tensor | None) -> Vector:
         return tangent_mean(
             window,
             trust,

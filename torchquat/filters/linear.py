@@ -113,7 +113,7 @@ def gaussian_filter(
     mask = torch.cat([half.flip(0), half[1:]])
     boundary = timeline.past_boundary(boundary, causal)
 
-    def step(window: Tensor, trust: Tensor | None) -> Vector:
+    def step(window: Tensor, trust: Tensor | None, mask: Tensor) -> Vector:
         return masked_mean(window, trust, mask, causal=causal)[0]
 
     result = move(unit, confidence, step, radius=radius, boundary=boundary, shared=(mask,))

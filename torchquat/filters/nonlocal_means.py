@@ -107,6 +107,7 @@ def nonlocal_pose_means(
         learned = learned.reshape(math.prod(unit.shape[:-3]), *learned.shape[-2:])
 
     def moved(window: Window) -> Quaternion:
+        bandwidth, learned = window.shared
         planes = _planes.components(window.q)
         centre = _planes.cut(planes, patches.reach, window.frames)
         near = None

@@ -90,7 +90,8 @@ def kernel_pca_filter(
         iterations: Steps towards the pre-image, >= 0; 0 changes nothing.
 
     Returns:
-        Unit quaternions ``(..., T, J, 4)``. Extra memory is O(T (J + landmarks)).
+        Unit quaternions ``(..., T, J, 4)``. Extra memory is O(T (J + landmarks)). Derivatives take
+        a width that was measured as given; second ones leave out how the components turn.
 
     Raises:
         TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
