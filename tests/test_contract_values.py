@@ -94,7 +94,7 @@ def test_C7_first_derivatives_for_second_ones_are_the_same(run, rng):
 
 @pytest.mark.parametrize("frames", [30, 1500])
 def test_C7_bandwidths_that_depend_on_the_signal(frames, rng, monkeypatch):
-    """What a network makes of the signal, and one of them of the other; in one block, in several."""
+    """What a network makes of the signal, one of them of the other; in one block, in several."""
     monkeypatch.setattr(_blocks, "BLOCK", 2048)
 
     def run(q):
