@@ -47,7 +47,7 @@ def assert_agrees(q, weight, **options):
 @pytest.mark.parametrize("wavelet", WAVELETS)
 @pytest.mark.parametrize("rule", RULES, ids=str)
 @pytest.mark.parametrize("shrinkage", SHRINKAGES)
-@pytest.mark.parametrize("frames", [1, 2, 9, 24])
+@pytest.mark.parametrize("frames", [1, 2, 6, 9, 24])
 def test_agrees_with_the_loop(wavelet, rule, shrinkage, frames, rng):
     clean = smooth_motion(frames=frames, joints=2, step=0.1, rng=rng)
     q = noise.gaussian(clean, 0.05, generator=rng)
@@ -56,19 +56,21 @@ def test_agrees_with_the_loop(wavelet, rule, shrinkage, frames, rng):
 
 @pytest.mark.parametrize("pattern", PATTERNS)
 @pytest.mark.parametrize("rule", RULES, ids=str)
-def test_agrees_with_the_loop_where_frames_are_missing(pattern, rule, rng):
+@pytest.mark.parametrize("wavelet", ["haar", "linear"])
+def test_agrees_with_the_loop_where_frames_are_missing(pattern, rule, wavelet, rng):
     q, weight = with_pattern(smooth_motion(frames=23, joints=2, step=0.2, rng=rng), pattern, rng)
-    assert_agrees(q, weight, wavelet="linear", rule=rule, shrinkage="soft")
+    assert_agrees(q, weight, wavelet=wavelet, rule=rule, shrinkage="soft")
 
 
-def test_several_spins_are_the_mean_of_shifted_motions(rng):
+@pytest.mark.parametrize("spins", [2, 3])
+def test_several_spins_are_the_mean_of_shifted_motions(spins, rng):
     q = smooth_motion(frames=15, rng=rng)
     options = {"wavelet": "haar", "levels": 2, "rule": 0.2}
     mirrored = torch.cat([q[2:3], q[1:2], q])
-    turns = [lifting_denoiser(mirrored[2 - k :], **options)[k:] for k in range(3)]
-    step = sum(so3.log(so3.relative(turns[0], other)) for other in turns) / 3
+    turns = [lifting_denoiser(mirrored[2 - k :], **options)[k:] for k in range(spins)]
+    step = sum(so3.log(so3.relative(turns[0], other)) for other in turns) / spins
     expected = so3.compose(turns[0], so3.exp(step))
-    assert_same_rotation(lifting_denoiser(q, cycle_spins=3, **options), expected)
+    assert_same_rotation(lifting_denoiser(q, cycle_spins=spins, **options), expected)
 
 
 def test_spins_bring_back_symmetry_in_time(rng):
@@ -179,6 +181,17 @@ def test_thresholds_are_learned(rule, rng):
         losses.append(float(loss.detach()))
     assert [name for name, _ in module.named_parameters()] == ["log_scale"]
     assert losses[-1] < losses[0], f"{losses[0]:.3e} -> {losses[-1]:.3e}"
+
+
+@pytest.mark.parametrize("wavelet", ["haar", "linear"])
+def test_what_is_learned_multiplies_the_thresholds(wavelet, rng):
+    q = smooth_motion(frames=30, step=0.3, rng=rng)
+    given, factors = torch.tensor([0.1, 0.05, 0.2]), torch.tensor([2.0, 3.0, 0.5])
+    module = LiftingDenoiser(wavelet, levels=3, rule=given.tolist(), learnable=True)
+    with torch.no_grad():
+        module.log_scale.copy_(factors.log())
+    expected = lifting_denoiser(q, wavelet=wavelet, levels=3, rule=(given * factors).tolist())
+    assert_same_rotation(module(q), expected, 1e-6)
 
 
 def test_compression_keeps_the_largest(rng):
