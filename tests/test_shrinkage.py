@@ -54,6 +54,13 @@ def test_agrees_with_the_loop(wavelet, rule, shrinkage, frames, rng):
     assert_agrees(q, None, wavelet=wavelet, rule=rule, shrinkage=shrinkage)
 
 
+@pytest.mark.parametrize("frames", range(1, 34))
+def test_haar_of_every_length_agrees_with_the_loop(frames, rng):
+    """Where a number of frames does not halve, the last one stands for the one that lacks."""
+    q = smooth_motion(frames=frames, joints=2, step=0.2, rng=rng)
+    assert_agrees(q, None, wavelet="haar", rule=(0.2, 0.1, 0.05), shrinkage="hard")
+
+
 @pytest.mark.parametrize("pattern", PATTERNS)
 @pytest.mark.parametrize("rule", RULES, ids=str)
 @pytest.mark.parametrize("wavelet", ["haar", "linear"])
