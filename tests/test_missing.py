@@ -104,3 +104,9 @@ def test_the_input_is_not_written_to(rng):
     version = q._version
     fill_missing(q)
     assert q._version == version and q[2].isnan().all()
+
+
+@pytest.mark.parametrize("ask", [validity, fill_missing])
+def test_B15_weights_of_another_shape_are_refused(ask, rng):
+    with pytest.raises(ValueError, match="weight must"):
+        ask(random_rotations(5, 2, rng=rng), torch.ones(4, 2, dtype=torch.float64))
