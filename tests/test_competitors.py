@@ -88,6 +88,24 @@ def test_savitzky_golay_fits_polynomials_to_paths(radius, order, rng):
         assert_same_rotation(actual, torch.from_numpy(expected), 1e-10)
 
 
+@pytest.mark.parametrize("frames", [1, 2, 3, 4, 5])
+def test_savitzky_golay_of_fewer_frames_than_its_window(frames, rng):
+    """The nearest frame stands for those that lack; where both ends meet, the mean of both fits."""
+    angle = torch.randn(frames, generator=rng, dtype=torch.float64).numpy()
+    time = np.arange(7)
+
+    def fitted_from_the_start(values):
+        longer = values[time.clip(max=frames - 1)]
+        return np.polyval(np.polyfit(time, longer, 2), time)[:3]
+
+    fits = np.full((2, frames), np.nan)
+    for row, way in zip(fits, (1, -1), strict=True):
+        here = fitted_from_the_start(angle[::way])[:frames]
+        row[::way][: len(here)] = here
+    actual = SavitzkyGolayFilter(3, 2)(about_one_axis(angle))
+    assert_same_rotation(actual, about_one_axis(np.nanmean(fits, 0)), 1e-10)
+
+
 @pytest.mark.parametrize("boundary", torchquat.timeline.BOUNDARIES)
 def test_savitzky_golay_weighs_as_its_mask(boundary, rng):
     mask = signal.savgol_coeffs(5, 2).tolist()
