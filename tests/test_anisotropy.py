@@ -6,8 +6,15 @@ from test_spectral import swaying
 
 from torchquat import denoise, noise, so3
 from torchquat.filters import auto
-from torchquat.filters._whitened import Stretch, in_radians, in_units, stretch_of, units_of
-from torchquat.noise._principal import principal
+from torchquat.filters._whitened import (
+    Stretch,
+    in_radians,
+    in_units,
+    mean_size,
+    stretch_of,
+    units_of,
+)
+from torchquat.noise._principal import Principal, principal
 from torchquat.noise.estimate import measured
 
 
@@ -49,6 +56,22 @@ def test_noise_alike_about_all_axes_is_not_stretched(rng):
     q = noise.gaussian(swaying(frames=300), 0.1, generator=rng)
     seen = measured(q, None)
     assert stretch_of(principal(seen.found), noise.estimate_sigma(q)) is None
+
+
+def test_noise_is_larger_only_beyond_rough_motion_and_doubt():
+    """About an axis: squares less 0.03^2 rad, less two standard errors; never without noise."""
+    size = torch.tensor([[0.05, 0.1, 0.2], [0.05, 0.1, 0.2], [0.031, 0.031, 0.2]]).double()
+    error = torch.tensor([0.0, 0.3, 0.0]).double()
+    axes = torch.eye(3, dtype=torch.float64).expand(3, 3, 3)
+    sigma = torch.tensor([0.04, 0.04, 0.01]).double()
+    factor = stretch_of(Principal(axes, size, error), sigma).factor
+    squares = size.square() - 0.03**2
+    expected = (squares / sigma.square()[:, None]).sqrt()
+    expected[0, 0] = expected[1, 0] = expected[1, 1] = expected[2, :2] = 1.0
+    assert torch.allclose(factor, expected)
+    assert stretch_of(Principal(axes, size, error), torch.zeros(3).double()) is None
+    mean = mean_size(sigma, Stretch(axes, factor))
+    assert torch.allclose(mean, sigma * (factor.square().sum(-1) / 3).sqrt())
 
 
 def test_units_and_back(rng):
