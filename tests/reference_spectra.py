@@ -99,20 +99,21 @@ def shrunk(away, path, window, together, colour=None, hops=4):
     return total / weight
 
 
-def local_spectrum(q, trust, sigma, window):
+def local_spectrum(q, trust, sigma, window, rho=0.0):
     """Unit quaternions ``(T, 4)`` in one hemisphere, ``trust`` of 0 to 1 a frame."""
+    colour = correlated_power(min(len(q), window), rho)
     motion = rough_motion(q, 4)
 
     def away_from(motion):
         return np.array([w * between(m, a) for w, m, a in zip(trust, motion, q, strict=True)])
 
     path = summed_steps(motion) / sigma
-    move = shrunk(away_from(motion) / sigma, path, window, 3)
+    move = shrunk(away_from(motion) / sigma, path, window, 3, colour)
     steps = np.diff(path + move, axis=0)
     _, axes = np.linalg.eigh(steps.T @ steps)
     turned = [multiply(m, quaternion(sigma * v)) for m, v in zip(motion, move, strict=True)]
     motion = np.array(turned)
     path = summed_steps(motion) / sigma
-    move = shrunk(away_from(motion) / sigma @ axes, path @ axes, window, 1) @ axes.T
+    move = shrunk(away_from(motion) / sigma @ axes, path @ axes, window, 1, colour) @ axes.T
     turned = [multiply(m, quaternion(sigma * v)) for m, v in zip(motion, move, strict=True)]
     return np.array(turned)

@@ -5,7 +5,13 @@ import torch
 from motions import angle_between, assert_same_rotation, smooth_motion
 from test_spectral import swaying
 
-from torchquat import AutoDenoiser, denoise, noise, so3
+from torchquat import AutoDenoiser, denoise, noise, repair, so3
+from torchquat.filters._correlation import noise_of, rounded
+from torchquat.filters._mixture import mixture
+from torchquat.filters._moving_frame import rough_motion
+from torchquat.filters._whitened import mean_size, stretch_of
+from torchquat.noise._principal import principal
+from torchquat.noise.estimate import measured
 
 
 @pytest.mark.parametrize("sigma", [0.01, 0.1, 0.5])
@@ -20,6 +26,41 @@ def test_gains_without_being_told_the_noise(sigma, rng):
 def test_leaves_clean_motion_alone():
     clean = swaying()
     assert angle_between(denoise(clean), clean).mean() < 1e-5
+
+
+def shaken(rng):
+    """Much more noise about one axis, and wild samples of one joint."""
+    size = torch.tensor([0.05, 0.4, 0.05], dtype=torch.float64)
+    v = size * torch.randn(200, 3, 3, generator=rng, dtype=torch.float64)
+    q = so3.turn(swaying(), v)
+    q[50:150:4, 0] = so3.turn(q[50:150:4, 0], torch.tensor([2.5, 0.0, 0.0], dtype=torch.float64))
+    return q
+
+
+def spoiled(rng):
+    """Some noise, and wild samples."""
+    return noise.impulse(noise.gaussian(swaying(), 0.02, generator=rng), 1.0, generator=rng)
+
+
+def noisy(rng):
+    """So much noise that every sample would be taken for wild if its size were not known."""
+    return noise.gaussian(swaying(), 0.6, generator=rng)
+
+
+@pytest.mark.parametrize("make", [shaken, spoiled, noisy])
+def test_one_step_after_the_other(make, rng):
+    """Wild samples by the size of the noise; the noise again, without them; then the mixture."""
+    q = make(rng)
+    sigma = rounded(noise.estimate_sigma(q))
+    stretch = stretch_of(principal(measured(q, None).found), sigma)
+    assert (stretch is not None) == (make is shaken)
+    repaired, trust = repair(q, sigma=mean_size(sigma, stretch))
+    seen = measured(repaired, trust)
+    stretch = stretch_of(principal(seen.found), rounded(noise.estimate_sigma(repaired, trust)))
+    motion = rough_motion(repaired, 4)
+    size, rho = noise_of(repaired, motion, trust, seen, stretch)
+    assert_same_rotation(denoise(q), mixture(repaired, None, size, rho, motion, stretch))
+    assert (make is not noisy) == bool((trust == 0).any())
 
 
 def test_strength_walks_along_the_geodesic(rng):

@@ -7,6 +7,8 @@ import torch
 from motions import IDENTITY, angle_between, assert_same_rotation, numpy_of, smooth_motion
 
 from torchquat import LocalSpectrumFilter, local_spectrum_filter, noise, so3
+from torchquat.filters._correlation import noise_of
+from torchquat.filters._moving_frame import rough_motion
 
 
 def swaying(frames=200, joints=3, amplitude=0.6):
@@ -25,6 +27,19 @@ def test_agrees_with_plain_loops(frames, window, rng):
         trust = numpy_of(weight[:, joint] / weight[:, joint].max())
         expected = reference.local_spectrum(numpy_of(q[:, joint]), trust, sigma, window)
         assert_same_rotation(found[:, joint], torch.from_numpy(np.array(expected)), 1e-10)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+def test_noise_that_is_found_is_the_noise_that_is_removed(rho, rng):
+    """Its size and its correlation, as the oracle removes them."""
+    clean = swaying(120, 2)
+    q = noise.correlated(clean, 0.05, rho=rho, generator=rng)
+    size, found = noise_of(q, rough_motion(q, 4), None)
+    assert (found.item() > 0.0) == (rho > 0.0)
+    result = local_spectrum_filter(q, window=30)
+    for joint, sigma in enumerate(size.tolist()):
+        seen = numpy_of(q[:, joint]), np.ones(120), sigma, 30, found.item()
+        assert_same_rotation(result[:, joint], torch.from_numpy(reference.local_spectrum(*seen)))
 
 
 @pytest.mark.parametrize("frames", [1, 2, 5, 63, 64, 65, 72, 200])
