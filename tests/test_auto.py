@@ -50,16 +50,17 @@ def noisy(rng):
 @pytest.mark.parametrize("make", [shaken, spoiled, noisy])
 def test_one_step_after_the_other(make, rng):
     """Wild samples by the size of the noise; the noise again, without them; then the mixture."""
-    q = make(rng)
+    q, weight = make(rng), torch.rand(200, 3, generator=rng, dtype=torch.float64)
     sigma = rounded(noise.estimate_sigma(q))
     stretch = stretch_of(principal(measured(q, None).found), sigma)
     assert (stretch is not None) == (make is shaken)
-    repaired, trust = repair(q, sigma=mean_size(sigma, stretch))
+    repaired, trust = repair(q, weight, sigma=mean_size(sigma, stretch))
     seen = measured(repaired, trust)
     stretch = stretch_of(principal(seen.found), rounded(noise.estimate_sigma(repaired, trust)))
     motion = rough_motion(repaired, 4)
     size, rho = noise_of(repaired, motion, trust, seen, stretch)
-    assert_same_rotation(denoise(q), mixture(repaired, None, size, rho, motion, stretch))
+    expected = mixture(repaired, weight, size, rho, motion, stretch)
+    assert_same_rotation(denoise(q, weight), expected)
     assert (make is not noisy) == bool((trust == 0).any())
 
 

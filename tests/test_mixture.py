@@ -11,6 +11,7 @@ from torchquat.filters import _hankel, _local_spectra
 from torchquat.filters._mixing import Estimate, mixed
 from torchquat.filters._mixture import mixture
 from torchquat.filters._moving_frame import rough_motion
+from torchquat.filters._whitened import Stretch
 
 
 @pytest.mark.parametrize(("frames", "rho"), [(13, 0.0), (90, 0.0), (50, 0.7), (2, 0.5)])
@@ -70,6 +71,44 @@ def test_freedom_of_low_rank_is_the_slope_of_the_estimate(rng):
     constant = 30.0 * _hankel.freedom(chosen._replace(ratio=torch.ones(2)), x.shape, white).sum()
     assert float(freedom) == pytest.approx(total, rel=0.02)
     assert float(constant) < 0.8 * total
+
+
+@pytest.mark.parametrize("scale", [0.1, 0.5, 1.5])
+def test_freedom_of_low_rank_agrees_with_plain_loops(scale, rng):
+    """Where much, little or nothing stands out of the noise, which lasts."""
+    data = scale * torch.randn(2, 26, 6, generator=rng, dtype=torch.float64).cumsum(1)
+    lag = torch.arange(26, dtype=torch.float64)
+    rho = torch.tensor([[0.0], [0.7]], dtype=torch.float64)
+    colour = torch.where(lag == 0, 1.0, rho**lag)
+    still, count = torch.zeros_like(data), torch.tensor([6, 6])
+    chosen = _hankel.smoothed(data, still, 4, count, 26)[1]
+    found = _hankel.freedom(chosen, data.shape, colour)
+    for item in range(2):
+        seen = numpy_of(data[item] - data[item].mean(0))
+        expected = reference.freedom_of_low_rank(seen, 4, rho[item, 0].item())
+        assert torch.allclose(found[item, :, 0], torch.from_numpy(expected), rtol=1e-9)
+
+
+def test_share_goes_no_further_than_the_next_estimate(rng):
+    """Which lies halfway to data without noise: the whole way is better than that."""
+    x = 5.0 * torch.randn(50, 2, 3, generator=rng, dtype=torch.float64)
+    none = torch.zeros(50, 2, dtype=torch.float64)
+    estimates = [Estimate(part * x, none) for part in (0.0, 0.5)]
+    assert torch.equal(mixed(estimates, x, none + 1.0), 0.5 * x)
+    estimates.reverse()  # away from the data: not at all
+    assert torch.equal(mixed(estimates, x, none + 1.0), 0.5 * x)
+
+
+def test_confidences_that_are_alike_change_nothing(rng):
+    """With noise that is larger about some axes, too."""
+    q = smooth_motion(frames=60, joints=2, step=0.2, rng=rng)
+    axes = torch.linalg.qr(torch.randn(2, 3, 3, generator=rng, dtype=torch.float64))[0]
+    stretch = Stretch(axes, torch.tensor([[1.0, 2.0, 4.0], [1.0, 1.0, 6.0]]).double())
+    size, white = torch.tensor([0.05, 0.1]).double(), torch.zeros(1, dtype=torch.float64)
+    known = size, white, rough_motion(q, 4)
+    alike = mixture(q, torch.full((60, 2), 0.3, dtype=torch.float64), *known, stretch)
+    assert_same_rotation(alike, mixture(q, None, *known, stretch), 1e-12)
+    assert angle_between(alike, mixture(q, None, *known)).mean() > 0.01
 
 
 def test_share_is_that_of_james_and_stein(rng):

@@ -72,6 +72,17 @@ def test_limits_of_stretches(begin, end, speed, jump, is_moved):
     assert_same_rotation(found, clean if is_moved else q, 1e-9)
 
 
+@pytest.mark.parametrize(("sigma", "is_moved"), [(0.077, True), (0.078, False)])
+def test_jumps_that_noise_may_have_made_stay(sigma, is_moved):
+    """Of 0.9 rad, below three root mean squares of an excess: sqrt(15) of the noise each."""
+    clean = so3.exp(torch.zeros(120, 2, 3, dtype=torch.float64))
+    q = displaced(clean, 60, 70, v=0.9 * torch.tensor([1.0, 0.0, 0.0]))
+    level = torch.full((1, 2), sigma, dtype=torch.float64)
+    found = undone(q, torch.ones(120, 2, dtype=torch.bool), level)
+    assert_same_rotation(found, clean if is_moved else q, 1e-9)
+    assert_same_rotation(repair(q, sigma=sigma)[0], found, 1e-9)
+
+
 def test_stretches_that_come_again():
     clean = q = swaying()
     for begin in (60, 80, 100, 115):

@@ -68,5 +68,5 @@ def _share(residual: Tensor, way: Tensor, more: Tensor, trust: Tensor) -> Tensor
     sure = length / (length + SPREAD)
     total = sure.sum(-1, keepdim=True)
     mean = (sure * alone).sum(-1, keepdim=True) / torch.where(total > 0, total, 1.0)
-    share = ((falls + SPREAD * mean) / (length + SPREAD)).clamp(0.0, 1.0)
+    share = ((falls + SPREAD * mean) / (length + SPREAD)).clamp(min=0.0)
     return ((share * SHARES + (1.0 - BETWEEN)).floor() / SHARES).clamp(max=1.0)

@@ -108,10 +108,10 @@ def _denoised(
     weight: Tensor | None,
     sigma: Tensor,
     window: int,
-    rho: Tensor | None = None,
-    motion: Tensor | None = None,
+    rho: Tensor | None,
+    motion: Tensor,
 ) -> Tensor:
-    """Both passes; joints without noise stay as they are.
+    """Both passes, from a smooth motion near; joints without noise stay as they are.
 
     ``rho`` ``(..., G)`` is the correlation of neighbouring frames of the noise, of each of G equal
     parts of the joints; ``None`` for white noise.
@@ -122,7 +122,6 @@ def _denoised(
     if rho is not None:
         power = correlated_power(windows.basis, rho.reshape(-1, rho.shape[-1]))
     with torch.no_grad():
-        motion = rough_motion(q, ROUGH_RADIUS) if motion is None else motion
         path = path_of(motion) / units.scale
         move = _over_windows(away_from(motion, q, units), path, windows, 3, power)
         axes = main_axes(path + move)
