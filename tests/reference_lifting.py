@@ -151,12 +151,13 @@ def shrink(v, t, kind):
     return {"soft": 1 - t / r, "hard": 1.0, "garrote": 1 - (t / r) ** 2}[kind] * v
 
 
-def denoise(q, weight, *, wavelet, levels, rule, shrinkage):
+def denoise(q, weight, *, wavelet, levels, rule, shrinkage, sigma=None):
     unit, trust = prepare(q, weight, False)
     present = [w > 0 for w in trust]
     if not any(present):  # nothing to go by: it stays as it is
         return np.array(unit)
-    sigma, gain = noise_of(unit, present), gains(wavelet, levels)
+    sigma = noise_of(unit, present) if sigma is None else sigma
+    gain = gains(wavelet, levels)
     coarse, details = transform(unit, wavelet, levels)
     for level in range(levels - 1, -1, -1):
         valid = valid_details(present)

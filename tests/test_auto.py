@@ -42,15 +42,23 @@ def spoiled(rng):
     return noise.impulse(noise.gaussian(swaying(), 0.02, generator=rng), 1.0, generator=rng)
 
 
+def lasting(rng):
+    """Noise that lasts from frame to frame."""
+    return noise.correlated(swaying(), 0.05, rho=0.8, generator=rng)
+
+
 def noisy(rng):
     """So much noise that every sample would be taken for wild if its size were not known."""
     return noise.gaussian(swaying(), 0.6, generator=rng)
 
 
-@pytest.mark.parametrize("make", [shaken, spoiled, noisy])
-def test_one_step_after_the_other(make, rng):
+@pytest.mark.parametrize(
+    ("make", "missing"), [(shaken, 0.0), (spoiled, 0.0), (noisy, 0.0), (lasting, 0.4)]
+)
+def test_one_step_after_the_other(make, missing, rng):
     """Wild samples by the size of the noise; the noise again, without them; then the mixture."""
     q, weight = make(rng), torch.rand(200, 3, generator=rng, dtype=torch.float64)
+    weight[torch.rand(200, 3, generator=rng) < missing] = 0.0
     sigma = rounded(noise.estimate_sigma(q))
     stretch = stretch_of(principal(measured(q, None).found), sigma)
     assert (stretch is not None) == (make is shaken)
@@ -61,7 +69,7 @@ def test_one_step_after_the_other(make, rng):
     size, rho = noise_of(repaired, motion, trust, seen, stretch)
     expected = mixture(repaired, weight, size, rho, motion, stretch)
     assert_same_rotation(denoise(q, weight), expected)
-    assert (make is not noisy) == bool((trust == 0).any())
+    assert (make in (shaken, spoiled)) == bool(((trust == 0) & (weight > 0)).any())
 
 
 def test_strength_walks_along_the_geodesic(rng):

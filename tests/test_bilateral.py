@@ -161,6 +161,20 @@ def test_gradients_of_signal_weights_and_bandwidths(kernel, rng):
     assert gradgradcheck(run, (q, weight, sigma_t, sigma_g), fast_mode=True)
 
 
+@pytest.mark.parametrize("sigma_g", [0.2, 0.5, 0.8, [0.2, 0.8]], ids=str)
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_gradients_of_the_signal_where_bandwidths_are_fixed(kernel, sigma_g, rng):
+    """What is then written out by hand."""
+    q = smooth_motion(frames=6, joints=2, rng=rng).requires_grad_()
+    weight = (0.2 + torch.rand(6, 2, generator=rng, dtype=torch.float64)).requires_grad_()
+
+    def run(q, weight):
+        return bilateral_filter(q, weight, sigma_t=0.9, sigma_g=sigma_g, kernel=kernel)
+
+    assert gradcheck(run, (q, weight), fast_mode=True)
+    assert gradcheck(lambda q: run(q, None), (q,), fast_mode=True)
+
+
 @pytest.mark.parametrize("sigma", [0.5, [0.3, 0.5, 0.7]], ids=["one", "per-joint"])
 def test_learnable_bandwidths_stay_positive(sigma, rng):
     module = BilateralFilter(sigma, sigma, radius=2, learnable=True)

@@ -2,6 +2,7 @@
 
 import locale
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -272,5 +273,17 @@ def test_a_file_for_a_motion_from_elsewhere(tmp_path, rng):
     ]
     back = io.load(tmp_path / "new.bvh")
     assert_same_rotation(back.q, q, DECIMALS)
-    with pytest.raises(ValueError, match=r"q must have shape \(2, 3, 4\), got \(1, 3, 4\)"):
-        io.save(back.with_rotations(q[:1]), tmp_path / "short.bvh")
+    for shortened in (lambda: back.with_rotations(q[:1]), lambda: replace(back, q=q[:1])):
+        with pytest.raises(ValueError, match=r"^q must have shape \(2, 3, 4\), got \(1, 3, 4\)"):
+            io.save(shortened(), tmp_path / "short.bvh")
+    with pytest.raises(ValueError, match=r"^motion must have a skeleton to be written as BVH, got"):
+        io.save(io.Motion(q, 50.0, skeleton.names), tmp_path / "new.bvh")
+
+
+def test_names_in_any_encoding_are_written_as_they_were_read(load, tmp_path):
+    """Bytes that are not UTF-8, into a file that is made anew."""
+    before = load(one_joint("10 20 30").encode().replace(b"ROOT hip", b"ROOT caf\xe9"))
+    motion = io.Motion(before.q, 30.0, before.names, skeleton=before.skeleton)
+    io.save(motion, tmp_path / "new.bvh")
+    assert b"ROOT caf\xe9\n" in (tmp_path / "new.bvh").read_bytes()
+    assert io.load(tmp_path / "new.bvh").names == before.names

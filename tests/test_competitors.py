@@ -135,6 +135,24 @@ def test_butterworth_halves_the_cut_off(rng):
     agrees(run, reference.linear_filter, rng, mask=zero_phase_mask(0.3, 2, 1.0), lengths=(2, 12))
 
 
+@pytest.mark.parametrize(
+    ("cutoff", "order"), [(0.01, 1), (0.1, 2), (0.25, 3), (0.45, 2), (0.49, 2), (0.499, 1)]
+)
+def test_butterworth_answers_every_frequency_as_it_says(cutoff, order):
+    mask = np.array(zero_phase_mask(cutoff, order, 1.0))
+    places = np.arange(len(mask)) - len(mask) // 2
+    frequency = np.linspace(0.0, 0.4999, 101)
+    answer = np.cos(2.0 * np.pi * frequency[:, None] * places) @ mask
+    ratio = np.tan(np.pi * frequency) / np.tan(np.pi * cutoff)
+    expected = 1.0 / (1.0 + ratio ** (2 * order))
+    assert np.abs(answer - expected).max() < 2e-8  # what is cut off, at both ends
+
+
+def test_butterworth_says_what_it_is():
+    said = repr(ButterworthFilter(3.0, order=3, frame_rate=30.0))
+    assert "cutoff=3.0, order=3, frame_rate=30.0, boundary='reflect'" in said
+
+
 def test_moving_mean_agrees_with_the_loop(rng):
     agrees(MovingMeanFilter(), oracle.moving_mean, rng, lengths=(1, 2, 4, 5, 6, 12))
 
@@ -277,6 +295,8 @@ def test_fast_turns_are_followed(name):
         (lambda: OneEuroFilter(1.0, -1.0), r"beta must be finite and >= 0, got -1\.0\."),
         (lambda: KalmanSmoother(1.0, 1.0, order=4), r"order must be 2 or 3, got 4\."),
         (lambda: PrincipalComponentFilter(1.5), r"share in \(0, 1\), got 1\.5\."),
+        (lambda: PrincipalComponentFilter(1.0), r"share in \(0, 1\), got 1\.0\."),
+        (lambda: PrincipalComponentFilter(0.0), r"share in \(0, 1\), got 0\.0\."),
     ],
 )
 def test_A23_parameters_out_of_range(build, message):

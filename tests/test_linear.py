@@ -120,6 +120,24 @@ def test_causal_filters_do_not_look_ahead(rng):
         assert torch.equal(run(q)[:7], run(later)[:7])
 
 
+def test_a_mask_without_a_later_half_is_causal(rng):
+    q = smooth_motion(frames=12, rng=rng)
+    weight = torch.ones(12, 3, dtype=torch.bool)
+    weight[6:8] = False
+    for mask, causal in (
+        ([0.25, 0.25, 0.5, 0.0, 0.0], True),
+        ([0.0, 1.0, 0.0], True),
+        ([0.25, 0.25, 0.3, 0.2, 0.0], False),
+        ([0.25, 0.25, 0.3, 0.0, 0.2], False),
+        ([1.0], False),  # what stands in a gap may come from both of its ends
+    ):
+        module = LinearFilter(mask)
+        assert module.causal == causal
+        assert_same_rotation(
+            module(q, weight), linear_filter(q, weight, mask=mask, causal=causal), 1e-7
+        )
+
+
 def test_modules_are_their_functions(rng):
     q = smooth_motion(2, rng=rng, dtype=torch.float32)
     weight = torch.rand(q.shape[:-1], generator=rng)

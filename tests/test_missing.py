@@ -5,6 +5,7 @@ import torch
 from motions import IDENTITY, assert_same_rotation, random_rotations, smooth_motion
 
 from torchquat import fill_missing, so3, validity
+from torchquat.missing import confidence
 
 
 @pytest.mark.parametrize("bad", [0.0, torch.nan, torch.inf, -torch.inf])
@@ -23,6 +24,19 @@ def test_frames_without_weight_are_missing(weight, rng):
     weights = torch.ones(4, 1).double()
     weights[1] = weight
     assert validity(random_rotations(4, 1, rng=rng), weights)[:, 0].tolist() == [1, 0, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("dtype", "least", "most"), [(torch.float32, 1e-31, 3e15), (torch.float64, 1e-292, 2e123)]
+)
+def test_weights_that_cannot_be_computed_with(dtype, least, most, rng):
+    """Too small a one is none; too large a one counts as the largest that can be multiplied."""
+    q = random_rotations(4, 1, rng=rng, dtype=dtype)
+    assert confidence(q).dtype == dtype and (confidence(q) == 1.0).all()
+    given = torch.tensor([0.9 * least, 1.1 * least, 0.8 * most, 10.0 * most], dtype=dtype)
+    small, kept, large, cut = confidence(q, given[:, None])[:, 0]
+    assert small == 0.0 and kept == given[1] and large == given[2]
+    assert cut == pytest.approx(most, rel=0.25)
 
 
 def test_B15_masks_and_weights_broadcast(rng):

@@ -80,6 +80,27 @@ def test_several_spins_are_the_mean_of_shifted_motions(spins, rng):
     assert_same_rotation(lifting_denoiser(q, cycle_spins=spins, **options), expected)
 
 
+@pytest.mark.parametrize("rule", ["universal", "sure"])
+@pytest.mark.parametrize("wavelet", ["haar", "linear"])
+def test_spins_leave_missing_frames_out_of_their_estimates(wavelet, rule, rng):
+    """The noise is that of the motion itself; details count as frames come to be even."""
+    q = noise.gaussian(smooth_motion(frames=21, joints=1, step=0.1, rng=rng), 0.05, generator=rng)
+    weight = torch.ones(21, 1, dtype=torch.bool)
+    weight[[0, 5, 6, 7, 14]] = False
+    options = {"wavelet": wavelet, "levels": 2, "rule": rule, "shrinkage": "soft"}
+    filled, trust = reference_lifting.prepare(numpy_of(q[:, 0]), numpy_of(weight[:, 0]), False)
+    sigma = reference_lifting.noise_of(filled, [w > 0 for w in trust])
+    turns = []
+    for shift in range(3):
+        order = [*range(shift, 0, -1), *range(21)]
+        of_these = np.array(filled)[order], np.array(trust)[order]
+        turns.append(reference_lifting.denoise(*of_these, **options, sigma=sigma)[shift:])
+    first, *others = (torch.from_numpy(turn)[:, None] for turn in turns)
+    step = sum(so3.log(so3.relative(first, other)) for other in others) / 3
+    expected = so3.compose(first, so3.exp(step))
+    assert_same_rotation(lifting_denoiser(q, weight, cycle_spins=3, **options), expected, 1e-10)
+
+
 def test_spins_bring_back_symmetry_in_time(rng):
     q = smooth_motion(frames=32, rng=rng)
 
