@@ -55,7 +55,7 @@ GROUPS = {
     "competitors": Group(
         "filters/butterworth filters/savitzky_golay filters/robust filters/one_euro "
         "filters/tracking filters/_gains filters/subspace filters/_spectra filters/_chart",
-        "competitors confidence",
+        "competitors subspace confidence",
         "butterworth savitzky median hampel one-euro kalman principal kernel",
     ),
     "wavelets": Group(
@@ -68,7 +68,7 @@ GROUPS = {
         "filters/_local_spectra filters/spectral filters/_overlap "
         "filters/_whitened filters/_hankel filters/low_rank filters/_correlation filters/_mixing "
         "filters/_mixture filters/_moving_frame filters/auto",
-        "spectral low_rank mixture auto correlation anisotropy sigma",
+        "spectral low_rank mixture auto correlation anisotropy sigma moving_frame",
         "local-spectrum low-rank auto",
     ),
     "repair": Group(

@@ -231,34 +231,6 @@ def test_kalman_is_least_squares_about_one_axis(order):
     assert_same_rotation(actual, about_one_axis(state[::order]), 1e-5)
 
 
-@pytest.mark.parametrize("components", [1, 3, 0.7])
-def test_principal_components_are_those_of_numpy(components, rng):
-    q = smooth_motion(frames=15, rng=rng)
-    weight = torch.rand(15, 3, generator=rng, dtype=q.dtype)
-    weight[4:7, 1] = 0.0
-    for trust in (None, weight):
-        expected = oracle.principal_components(numpy_of(q), weights_of(q, trust), components)
-        actual = PrincipalComponentFilter(components)(q, trust)
-        assert_same_rotation(actual, torch.from_numpy(expected), 1e-6)
-
-
-@pytest.mark.parametrize(("components", "sigma"), [(1, 0.8), (4, 0.4)])
-def test_kernel_components_and_pre_images_are_those_of_the_loop(components, sigma, rng):
-    q = smooth_motion(frames=15, rng=rng)
-    expected = oracle.kernel_pca(numpy_of(q), components, sigma, 5)
-    actual = KernelPCAFilter(components, sigma=sigma, iterations=5)(q)
-    assert_same_rotation(actual, torch.from_numpy(expected), 1e-6)
-
-
-def test_the_kernel_is_as_wide_as_poses_lie_apart(rng):
-    q = smooth_motion(frames=15, rng=rng)
-    points, _, _ = oracle.poses(numpy_of(q), np.ones((15, 3)))
-    apart = points[:, None] - points[None]
-    width = float(np.sqrt(np.mean(np.square(apart))))
-    expected = KernelPCAFilter(2, sigma=width)(q)
-    assert_same_rotation(KernelPCAFilter(2)(q), expected, 1e-9)
-
-
 @pytest.mark.parametrize("name", FILTERS)
 def test_derivatives(name, rng):
     q = smooth_motion(frames=6, joints=1, step=0.3, rng=rng).requires_grad_()

@@ -1,0 +1,54 @@
+"""Principal and kernel components of poses, against NumPy and loops."""
+
+import numpy as np
+import pytest
+import reference_competitors as oracle
+import torch
+from motions import assert_same_rotation, numpy_of, smooth_motion
+
+from torchquat import KernelPCAFilter, PrincipalComponentFilter
+from torchquat.filters._spectra import leading, of_eigenvalues
+
+
+@pytest.mark.parametrize("components", [1, 3, 0.7])
+def test_principal_components_are_those_of_numpy(components, rng):
+    q = smooth_motion(frames=15, rng=rng)
+    weight = torch.rand(15, 3, generator=rng, dtype=q.dtype)
+    weight[4:7, 1] = 0.0
+    for trust in (None, weight):
+        known = np.ones((15, 3)) if trust is None else numpy_of(trust)
+        expected = oracle.principal_components(numpy_of(q), known, components)
+        actual = PrincipalComponentFilter(components)(q, trust)
+        assert_same_rotation(actual, torch.from_numpy(expected), 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("apart", "slope"),
+    [(1e-3, 1e3), (1e-12, 1e-12 * 2.0**52), (1e-15, 1e-15 * 2.0**52), (0.0, 0.0)],
+)
+def test_directions_cut_apart_may_turn_no_faster_than_rounding_allows(apart, slope):
+    """What a projection changes by is 1 over how far the eigenvalues lie apart, until they meet."""
+    eigenvalues = torch.tensor([0.5, 1.0 - apart, 1.0], dtype=torch.float64)
+    matrix = torch.diag(eigenvalues).requires_grad_()
+    kept = leading(eigenvalues, 1)
+    projection = of_eigenvalues(matrix, (eigenvalues, torch.eye(3).double()), kept)
+    assert torch.equal(projection.detach(), torch.diag(torch.tensor([0.0, 0.0, 1.0]).double()))
+    (found,) = torch.autograd.grad(projection[1, 2], matrix)
+    assert float(found[1, 2]) == pytest.approx(slope, rel=1e-3)
+
+
+@pytest.mark.parametrize(("components", "sigma"), [(1, 0.8), (4, 0.4)])
+def test_kernel_components_and_pre_images_are_those_of_the_loop(components, sigma, rng):
+    q = smooth_motion(frames=15, rng=rng)
+    expected = oracle.kernel_pca(numpy_of(q), components, sigma, 5)
+    actual = KernelPCAFilter(components, sigma=sigma, iterations=5)(q)
+    assert_same_rotation(actual, torch.from_numpy(expected), 1e-6)
+
+
+def test_the_kernel_is_as_wide_as_poses_lie_apart(rng):
+    q = smooth_motion(frames=15, rng=rng)
+    points, _, _ = oracle.poses(numpy_of(q), np.ones((15, 3)))
+    apart = points[:, None] - points[None]
+    width = float(np.sqrt(np.mean(np.square(apart))))
+    expected = KernelPCAFilter(2, sigma=width)(q)
+    assert_same_rotation(KernelPCAFilter(2)(q), expected, 1e-9)
