@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import reference_competitors as oracle
 import torch
-from motions import assert_same_rotation, numpy_of, smooth_motion
+from motions import assert_same_rotation, numpy_of, random_rotations, smooth_motion
 
 from torchquat import KernelPCAFilter, PrincipalComponentFilter
 from torchquat.filters._spectra import leading, of_eigenvalues
@@ -20,6 +20,12 @@ def test_principal_components_are_those_of_numpy(components, rng):
         expected = oracle.principal_components(numpy_of(q), known, components)
         actual = PrincipalComponentFilter(components)(q, trust)
         assert_same_rotation(actual, torch.from_numpy(expected), 1e-6)
+
+
+def test_all_components_together_are_the_motion(rng):
+    """Also where rotations lie so far apart that their mean is not found to the last digit."""
+    q = random_rotations(30, 2, rng=rng)
+    assert_same_rotation(PrincipalComponentFilter(6)(q), q)
 
 
 @pytest.mark.parametrize(
