@@ -12,8 +12,8 @@ from torch import Tensor
 
 __all__ = ["LONGEST", "doublings", "running_maximum", "running_minimum", "running_product"]
 
-_DOUBLINGS = 20
-LONGEST = 2**_DOUBLINGS
+_STEPS = [2**n for n in range(20)]
+LONGEST = 2 * _STEPS[-1]
 """Frames that an exported program covers: 2.4 hours at 120 frames a second."""
 
 
@@ -29,8 +29,9 @@ def _exporting() -> bool:
 
 def doublings(frames: int) -> list[int]:
     """Steps that together cover so many frames; compiled programs make those of any length."""
-    steps = [2**n for n in range(_DOUBLINGS)]
-    return steps if torch.compiler.is_compiling() else [step for step in steps if step < frames]
+    if torch.compiler.is_compiling():
+        return _STEPS
+    return [step for step in _STEPS if step < frames]
 
 
 def running_maximum(x: Tensor, dim: int) -> Tensor:
@@ -54,13 +55,13 @@ def running_product(x: Tensor, dim: int) -> Tensor:
     shape = [1] * x.dim()
     shape[dim] = -1
     entry = torch.arange(x.shape[dim], device=x.device).view(shape)
-    for step in (2**n for n in range(_DOUBLINGS)):
+    for step in _STEPS:
         x = torch.where(entry >= step, x * _earlier(x, dim, step), x)
     return x
 
 
 def _doubled(x: Tensor, dim: int, larger: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
-    for step in (2**n for n in range(_DOUBLINGS)):
+    for step in _STEPS:
         x = larger(x, _earlier(x, dim, step))  # the first entry counts for all
     return x
 
