@@ -76,6 +76,25 @@ def test_steps_go_with_world_and_body_frame(rng, dtype):
         assert torch.allclose(so3.rotate(so3.inverse(right), one), other, atol=BOUND[dtype])
 
 
+def test_steady_motion_goes_on_beyond_both_ends():
+    """Every frame sees the same increments, at the ends too: so all steps are alike."""
+    angle = 0.1 * torch.arange(9.0, dtype=torch.float64)
+    even = so3.exp(torch.tensor([0.6, 0.0, 0.8], dtype=torch.float64) * angle[:, None, None])
+    step = so3.between(even, learned_step().predict(even))
+    torch.testing.assert_close(step, step[4:5].expand_as(step), rtol=0, atol=1e-12)
+    assert (step[4].norm() - 0.05).abs() > 1e-3  # what it has learned shows
+
+
+def test_every_parameter_takes_part(rng):
+    q = smooth_motion(frames=21, rng=rng)
+    step = learned_step()
+    pyramid = LiftingTransform(step, levels=2)(q)
+    squares = [so3.log(pyramid.approx).square().sum(), *(d.square().sum() for d in pyramid.details)]
+    torch.stack(squares).sum().backward()
+    for name, parameter in step.named_parameters():
+        assert parameter.grad is not None and (parameter.grad != 0).all(), name
+
+
 def test_signs_make_no_difference(rng):
     q = smooth_motion(frames=21, rng=rng)
     block = learned_step().predict
