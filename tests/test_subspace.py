@@ -58,3 +58,15 @@ def test_the_kernel_is_as_wide_as_poses_lie_apart(rng):
     width = float(np.sqrt(np.mean(np.square(apart))))
     expected = KernelPCAFilter(2, sigma=width)(q)
     assert_same_rotation(KernelPCAFilter(2)(q), expected, 1e-9)
+
+
+def test_joints_that_are_missing_throughout_make_no_difference_to_the_others(rng):
+    """Not even where so few are seen that all frames together count for less than one."""
+    q = smooth_motion(frames=3, joints=1, rng=rng)
+    alone = KernelPCAFilter(1, sigma=0.8)(q)
+    among = q.expand(3, 8, 4)
+    weight = torch.zeros(3, 8, dtype=q.dtype)
+    weight[:, 2] = 1.0
+    # the width of the kernel is that of a whole pose
+    found = KernelPCAFilter(1, sigma=0.8 / 8**0.5)(among, weight)
+    assert_same_rotation(found[:, 2:3], alone, 1e-9)
