@@ -12,7 +12,6 @@ import re
 import subprocess
 import sys
 import venv
-from importlib.metadata import version
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -82,7 +81,6 @@ def main() -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", choices=("oldest", "newest"))
     arguments, rest = parser.parse_known_args()
-    print(f"pip {version('pip')}, project {ROOT.name}")
     wanted = {"oldest": oldest(), "newest": list(NEEDED)}
     for name, requirements in wanted.items():
         if arguments.only in (None, name):
