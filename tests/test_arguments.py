@@ -19,19 +19,19 @@ def rough(rng):
     return q, weight
 
 
-@pytest.mark.parametrize(
-    ("name", "key"),
-    [
-        ("gaussian", "sigma_t"),
-        ("bilateral", "sigma_t"),
-        ("bilateral", "sigma_g"),
-        ("nonlocal", "sigma"),
-        ("kalman", "process_noise"),
-        ("kalman", "measurement_noise"),
-        ("local-spectrum", "sigma"),
-        ("low-rank", "sigma"),
-    ],
-)
+PER_JOINT = [
+    ("gaussian", "sigma_t"),
+    ("bilateral", "sigma_t"),
+    ("bilateral", "sigma_g"),
+    ("nonlocal", "sigma"),
+    ("kalman", "process_noise"),
+    ("kalman", "measurement_noise"),
+    ("local-spectrum", "sigma"),
+    ("low-rank", "sigma"),
+]
+
+
+@pytest.mark.parametrize(("name", "key"), PER_JOINT)
 def test_one_value_or_one_per_joint(name, key, rng):
     _, function, given, _ = PAIRS[name]
     q, weight = rough(rng)
@@ -41,6 +41,35 @@ def test_one_value_or_one_per_joint(name, key, rng):
         assert_same_rotation(function(q, weight, **given | {key: values}), expected, 1e-9)
     with pytest.raises(ValueError, match=rf"^{key} must be one value or one per joint \(3\), got"):
         function(q, weight, **given | {key: [0.7, 0.7]})
+
+
+@pytest.mark.parametrize(("name", "key"), [*((name, None) for name in PAIRS), *PER_JOINT])
+def test_B11_functions_make_nothing_of_default_dtype_or_device(name, key, rng):
+    """A default device is often set in scripts; what is made on this one could not be used."""
+    q, weight = (each.float() for each in rough(rng))
+    function, given = PAIRS[name].function, dict(PAIRS[name].given)
+    if key is not None:
+        given[key] = [0.6, 0.7, 0.8]
+        given.pop("radius", None)  # found from the bandwidth then
+    expected = function(q, weight, **given)
+    with torch.device("meta"):
+        assert torch.equal(function(q, weight, **given), expected)
+    torch.set_default_dtype(torch.float64)
+    try:
+        found = function(q, weight, **given)
+    finally:
+        torch.set_default_dtype(torch.float32)
+    assert found.dtype == torch.float32 and torch.equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ("sigma_t", "radius"),
+    [(2 / 3, 2), (1.0, 3), (torch.tensor(1.01), 4), ([2 / 3, 0.1], 2)],
+)
+def test_windows_hold_three_bandwidths(sigma_t, radius):
+    """Not four where a third is rounded up in single precision."""
+    assert tq.GaussianFilter(sigma_t).radius == radius
+    assert tq.BilateralFilter(sigma_t, 0.1).radius == radius
 
 
 @pytest.mark.parametrize(

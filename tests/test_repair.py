@@ -193,6 +193,17 @@ def test_missing_frames_are_predicted_as_the_oracle_does(rng):
         assert_same_rotation(result[inside, joint], wanted[inside], 1e-7)
 
 
+@pytest.mark.parametrize("sigma", [0.02, [0.01, 0.02, 0.03], torch.tensor(0.02)])
+def test_B11_known_noise_goes_where_the_motion_is(sigma, rng):
+    q = smooth_motion(frames=40, rng=rng)
+    q[9, 1] = so3.turn(q[9, 1], WILD)
+    expected = repair(q, sigma=sigma)
+    with torch.device("meta"):
+        found = repair(q, sigma=sigma)
+    assert all(torch.equal(x, y) for x, y in zip(found, expected, strict=True))
+    assert not torch.equal(expected[0][9, 1], q[9, 1])
+
+
 def test_alone_and_in_a_batch_to_the_same_bits(rng):
     clean = swaying()
     impulses, pops = (

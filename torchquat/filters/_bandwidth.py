@@ -36,7 +36,8 @@ def shown(value: Tensor) -> str:
 
 def default_radius(sigma_t: Bandwidth) -> int:
     """Half-width of a window that holds three temporal bandwidths, the widest joint's."""
-    return math.ceil(3.0 * float(torch.as_tensor(sigma_t).max()))
+    sizes = torch.as_tensor(sigma_t, dtype=torch.float64, device="cpu")
+    return math.ceil(3.0 * float(sizes.max()))
 
 
 def register_bandwidth(module: nn.Module, name: str, value: Bandwidth, learnable: bool) -> None:

@@ -57,8 +57,9 @@ def repair(
         Prediction: Matheron, "Principles of Geostatistics", Economic Geology 1963 (kriging).
     """
     prepared, confidence = timeline.prepare(q, weight)
-    known = None if sigma is None else torch.as_tensor(sigma, dtype=prepared.dtype).to(prepared)
-    result, trust = mended(prepared, confidence, known)
+    if sigma is not None:
+        sigma = torch.as_tensor(sigma, dtype=prepared.dtype, device=prepared.device)
+    result, trust = mended(prepared, confidence, sigma)
     return timeline.restore(result, prepared, q), trust.to(q.dtype)
 
 

@@ -239,10 +239,10 @@ def _noise_gain(transform: LiftingTransform, levels: int) -> tuple[float, ...]:
 
     By linearising the transform at rest: the gradient of one detail in the middle of a signal.
     """
-    parameter = next(transform.parameters(), torch.zeros((), dtype=torch.float64))
+    parameter = next(transform.parameters(), torch.zeros((), dtype=torch.float64, device="cpu"))
     frames = 16 * 2**levels
     with torch.inference_mode(False), torch.enable_grad():
-        v = torch.zeros(frames, 1, 3, dtype=parameter.dtype, requires_grad=True)
+        v = parameter.new_zeros(frames, 1, 3, requires_grad=True)
         details = transform(so3.exp(v)).details
         gradients = (
             torch.autograd.grad(d[d.shape[-3] // 2, 0, 0], v, retain_graph=True)[0] for d in details
