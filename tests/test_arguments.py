@@ -64,10 +64,10 @@ def test_B11_functions_make_nothing_of_default_dtype_or_device(name, key, rng):
 
 @pytest.mark.parametrize(
     ("sigma_t", "radius"),
-    [(2 / 3, 2), (1.0, 3), (torch.tensor(1.01), 4), ([2 / 3, 0.1], 2)],
+    [(2 / 3, 2), (100 * 0.07, 21), (torch.tensor(2 / 3), 2), (1.001, 4), ([1.7, 0.1, 0.1], 6)],
 )
 def test_windows_hold_three_bandwidths(sigma_t, radius):
-    """Not four where a third is rounded up in single precision."""
+    """And no frame more where 3 * 2 / 3 is rounded up, or 100 * 0.07."""
     assert tq.GaussianFilter(sigma_t).radius == radius
     assert tq.BilateralFilter(sigma_t, 0.1).radius == radius
 

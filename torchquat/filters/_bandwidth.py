@@ -13,6 +13,8 @@ __all__ = ["Bandwidth", "default_radius", "per_joint", "register_bandwidth", "sh
 
 Bandwidth = float | Sequence[float] | Tensor
 
+ROUNDING = 1e-6
+
 
 def per_joint(name: str, value: Bandwidth, like: Tensor) -> float | Tensor:
     """A number, or a tensor that broadcasts to ``(..., T, J)``, in the dtype of ``like``."""
@@ -37,7 +39,8 @@ def shown(value: Tensor) -> str:
 def default_radius(sigma_t: Bandwidth) -> int:
     """Half-width of a window that holds three temporal bandwidths, the widest joint's."""
     sizes = torch.as_tensor(sigma_t, dtype=torch.float64, device="cpu")
-    return math.ceil(3.0 * float(sizes.max()))
+    # what rounding has added, of seconds times frame rates too, makes no window wider
+    return math.ceil(3.0 * float(sizes.max()) * (1.0 - ROUNDING))
 
 
 def register_bandwidth(module: nn.Module, name: str, value: Bandwidth, learnable: bool) -> None:
