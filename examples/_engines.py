@@ -69,8 +69,9 @@ def _in_a_pool(
     try:
         while waiting or running:
             while waiting and len(running) < ahead:
-                task = waiting.popleft()
-                running[pool.submit(process, task, options)] = task
+                task = waiting[0]
+                running[pool.submit(process, task, options)] = task  # raises where a worker died
+                waiting.popleft()
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 outcome = future.result()
                 del running[future]

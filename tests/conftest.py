@@ -5,6 +5,8 @@ from types import ModuleType
 
 import pytest
 import torch
+from archives import GENTLE, contents, write_archive
+from archives import run as run_denoise
 from filters_under_test import ALL
 from torch import nn
 
@@ -48,3 +50,17 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def joblib() -> ModuleType:
     """The module, for tests that need it."""
     return pytest.importorskip("joblib", reason="joblib is not installed (extra: estimators)")
+
+
+@pytest.fixture
+def archive(tmp_path: Path) -> Path:
+    """A folder of twelve motion files."""
+    write_archive(tmp_path / "in", 12)
+    return tmp_path / "in"
+
+
+@pytest.fixture
+def cleaned(archive: Path, tmp_path: Path) -> dict[str, bytes]:
+    """What an undisturbed run makes of them."""
+    assert run_denoise(archive, "--output", tmp_path / "undisturbed", *GENTLE) == 0
+    return contents(tmp_path / "undisturbed")

@@ -10,44 +10,19 @@ import time
 from pathlib import Path
 
 import _engines
-import denoise
 import pytest
-import torch
 import yaml
 from _manifest import Manifest, read_manifest
-from archives import contents, write_archive
+from archives import GENTLE, contents, run, write_archive
 from bvh_files import one_joint
 
 from torchquat import chunks
 
 ROOT = Path(__file__).parents[1]
 COMMAND = [sys.executable, str(ROOT / "examples" / "denoise.py")]
-GENTLE = ("--config", "gentle")
 
 
-def run(*arguments) -> int:
-    return denoise.main([str(argument) for argument in arguments])
-
-
-@pytest.fixture
-def archive(tmp_path):
-    write_archive(tmp_path / "in", 12)
-    return tmp_path / "in"
-
-
-@pytest.fixture
-def expected(archive, tmp_path):
-    """What an undisturbed run makes."""
-    assert run(archive, "--output", tmp_path / "undisturbed", *GENTLE) == 0
-    return contents(tmp_path / "undisturbed")
-
-
-def killing(mark, *, always=False):
-    found = ("--filter.class_path", "killing.KillsOnce", "--filter.init_args.mark", mark)
-    return (*found, "--filter.init_args.always", str(always).lower())
-
-
-def test_a_finished_batch_is_left_alone(archive, expected, tmp_path, capsys):
+def test_a_finished_batch_is_left_alone(archive, cleaned, tmp_path, capsys):
     out = tmp_path / "undisturbed"
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*.bvh")}
     assert run(archive, "--output", out, *GENTLE) == 0
@@ -57,7 +32,7 @@ def test_a_finished_batch_is_left_alone(archive, expected, tmp_path, capsys):
     assert "12: 0 done, 12 skipped, 0 failed" in said
     assert run(archive, "--output", out, *GENTLE, "--overwrite") == 0
     assert all(path.stat().st_mtime_ns > then for path, then in before.items())
-    assert contents(out) == expected
+    assert contents(out) == cleaned
 
 
 def test_every_file_has_a_line_in_the_manifest(archive, tmp_path):
@@ -116,50 +91,13 @@ def test_F3_kill_9_in_the_middle_and_start_again(archive, tmp_path):
     assert finished.items() <= contents(out).items()
 
 
-@pytest.mark.slow
-def test_a_killed_worker_costs_nothing(archive, tmp_path, capsys):
-    mark = tmp_path / "mark"
-    assert run(archive, "--output", tmp_path / "out", "--workers", 2, *killing(mark)) == 0
-    assert mark.exists() and len(contents(tmp_path / "out")) == 12
-    assert capsys.readouterr().out.count("peak speed kept") == 12
-
-
-def test_a_file_that_kills_its_worker_twice_is_given_up(archive, tmp_path, capsys):
-    options = killing(tmp_path / "mark", always=True)
-    assert run(archive, "--output", tmp_path / "out", "--workers", 2, *options) == 1
-    assert len(contents(tmp_path / "out")) == 11
-    said = capsys.readouterr()
-    assert (
-        f"take 1/1.bvh: {_engines.DEAD}" in said.err and "11 done, 0 skipped, 1 failed" in said.out
-    )
-
-
-@pytest.mark.parametrize("workers", [2, pytest.param(4, marks=pytest.mark.slow)])
-def test_F6_the_same_bytes(workers, archive, expected, tmp_path):
-    out = tmp_path / "out"
-    assert run(archive, "--output", out, *GENTLE, "--workers", workers) == 0
-    assert contents(out) == expected
-
-
-@pytest.mark.filterwarnings("ignore")  # Ray's own
-def test_F6_ray_writes_the_same_bytes_though_a_worker_dies(archive, tmp_path, capsys):
-    pytest.importorskip("ray", reason="Ray is not installed")
-    options = killing(tmp_path / "mark")
-    arguments = (archive, *options, "--workers", 2)
-    assert run(*arguments, "--output", tmp_path / "ray", "--engine", "ray") == 0
-    assert (tmp_path / "mark").exists()
-    assert "12 done, 0 skipped, 0 failed" in capsys.readouterr().out
-    assert run(*arguments, "--output", tmp_path / "local") == 0
-    assert contents(tmp_path / "ray") == contents(tmp_path / "local")
-
-
-def test_shards_are_the_whole(archive, expected, tmp_path):
+def test_shards_are_the_whole(archive, cleaned, tmp_path):
     out = tmp_path / "out"
     for part in ("1/3", "2/3", "3/3"):
         assert run(archive, "--output", out, *GENTLE, "--shard", part) == 0
         name = f"manifest-{part[0]}-of-3.jsonl"
         assert [each["status"] for each in read_manifest(out / name)] == ["done"] * 4
-    assert contents(out) == expected
+    assert contents(out) == cleaned
     assert run(archive, "--output", out, *GENTLE, "--shard", "13/20") == 0
 
 
@@ -269,7 +207,7 @@ def test_a_preset_that_is_none_is_answered_with_all(archive, tmp_path, capsys):
     assert "stong: expected a YAML file or one of " in error and "gentle" in error
 
 
-def test_long_clips_in_pieces_are_the_same_bytes(archive, expected, tmp_path, monkeypatch):
+def test_long_clips_in_pieces_are_the_same_bytes(archive, cleaned, tmp_path, monkeypatch):
     sizes = []
 
     def spy(run, q, weight=None):
@@ -278,13 +216,7 @@ def test_long_clips_in_pieces_are_the_same_bytes(archive, expected, tmp_path, mo
 
     monkeypatch.setattr("_cleaning.in_chunks", spy)
     assert run(archive, "--output", tmp_path / "out", *GENTLE) == 0
-    assert contents(tmp_path / "out") == expected and len(sizes) == 12
-
-
-def test_threads_are_put_back(archive, tmp_path):
-    before = torch.get_num_threads()
-    assert run(archive, "--output", tmp_path / "out", *GENTLE, "--threads", before + 1) == 0
-    assert torch.get_num_threads() == before
+    assert contents(tmp_path / "out") == cleaned and len(sizes) == 12
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import random
 import sys
+import time
 from pathlib import Path
 
 import fuzz_readers
@@ -59,6 +60,7 @@ def test_D18_a_line_of_a_gigabyte(tmp_path, monkeypatch):
         (lambda path: (_ for _ in ()).throw(KeyError("x")), "KeyError"),
         (lambda path: bytearray(2**30), "MemoryError"),
         (lambda path: next(iter(int, 1) and (x for x in iter(int, 1) if x)), "took more than"),
+        (lambda path: time.sleep(60.0), "took more than"),
     ],
 )
 def test_what_is_wrong_is_noticed(wrong, said, tmp_path, monkeypatch):

@@ -1,0 +1,78 @@
+"""Who does the work of a batch: workers that die, and the same bytes from all of them."""
+
+from concurrent.futures import Executor, Future
+from concurrent.futures.process import BrokenProcessPool
+
+import _engines
+import pytest
+import torch
+from archives import GENTLE, contents, run
+
+
+def killing(mark, *, always=False):
+    found = ("--filter.class_path", "killing.KillsOnce", "--filter.init_args.mark", mark)
+    return (*found, "--filter.init_args.always", str(always).lower())
+
+
+@pytest.mark.slow
+def test_a_killed_worker_costs_nothing(archive, tmp_path, capsys):
+    mark = tmp_path / "mark"
+    assert run(archive, "--output", tmp_path / "out", "--workers", 2, *killing(mark)) == 0
+    assert mark.exists() and len(contents(tmp_path / "out")) == 12
+    assert capsys.readouterr().out.count("peak speed kept") == 12
+
+
+def test_a_file_that_kills_its_worker_twice_is_given_up(archive, tmp_path, capsys):
+    options = killing(tmp_path / "mark", always=True)
+    assert run(archive, "--output", tmp_path / "out", "--workers", 2, *options) == 1
+    assert len(contents(tmp_path / "out")) == 11
+    said = capsys.readouterr()
+    assert (
+        f"take 1/1.bvh: {_engines.DEAD}" in said.err and "11 done, 0 skipped, 1 failed" in said.out
+    )
+
+
+class BrokenOnHandingOut(Executor):
+    """Its process dies between two files: the first that is handed out after that is refused."""
+
+    def __init__(self, *_):
+        self.taken = 0
+
+    def submit(self, fn, /, *arguments, **named):
+        self.taken += 1
+        if self.taken > 5:
+            raise BrokenProcessPool
+        future = Future()
+        future.set_result(fn(*arguments, **named))
+        return future
+
+
+def test_a_file_that_a_broken_pool_refuses_is_not_lost(archive, cleaned, tmp_path, monkeypatch):
+    monkeypatch.setattr(_engines, "ProcessPoolExecutor", BrokenOnHandingOut)
+    assert run(archive, "--output", tmp_path / "out", "--workers", 2, *GENTLE) == 0
+    assert contents(tmp_path / "out") == cleaned
+
+
+@pytest.mark.parametrize("workers", [2, pytest.param(4, marks=pytest.mark.slow)])
+def test_F6_the_same_bytes(workers, archive, cleaned, tmp_path):
+    out = tmp_path / "out"
+    assert run(archive, "--output", out, *GENTLE, "--workers", workers) == 0
+    assert contents(out) == cleaned
+
+
+@pytest.mark.filterwarnings("ignore")  # Ray's own
+def test_F6_ray_writes_the_same_bytes_though_a_worker_dies(archive, tmp_path, capsys):
+    pytest.importorskip("ray", reason="Ray is not installed")
+    options = killing(tmp_path / "mark")
+    arguments = (archive, *options, "--workers", 2)
+    assert run(*arguments, "--output", tmp_path / "ray", "--engine", "ray") == 0
+    assert (tmp_path / "mark").exists()
+    assert "12 done, 0 skipped, 0 failed" in capsys.readouterr().out
+    assert run(*arguments, "--output", tmp_path / "local") == 0
+    assert contents(tmp_path / "ray") == contents(tmp_path / "local")
+
+
+def test_threads_are_put_back(archive, tmp_path):
+    before = torch.get_num_threads()
+    assert run(archive, "--output", tmp_path / "out", *GENTLE, "--threads", before + 1) == 0
+    assert torch.get_num_threads() == before
