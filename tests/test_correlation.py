@@ -31,8 +31,10 @@ def test_power_in_every_coefficient(size):
     assert np.allclose(power[1], reference.correlated_power(size, 0.6), atol=1e-12)
 
 
-def test_gains_agree_with_plain_loops(rng):
+@pytest.mark.parametrize("compiling", [False, True])
+def test_gains_agree_with_plain_loops(compiling, rng, monkeypatch):
     """Two items, two groups of channels, each with a noise of its own."""
+    monkeypatch.setattr(torch.compiler, "is_compiling", lambda: compiling)
     away, path = torch.randn(2, 2, 20, 6, generator=rng, dtype=torch.float64)
     path = path.cumsum(1)
     windows = windows_of(20, 8, away)

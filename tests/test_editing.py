@@ -40,6 +40,11 @@ def test_compression_keeps_the_largest_by_the_frames_they_move(batch, keep, rng)
         assert stored_share(found)[item] == pytest.approx(stored / (21 * 3))
 
 
+@pytest.mark.parametrize("batch", [(), (2,), (2, 3)])
+def test_without_details_everything_is_stored(batch, rng):
+    assert torch.equal(stored_share(split(batch, 21, 0, rng)), torch.ones(batch).double())
+
+
 @pytest.mark.parametrize("batch", [(), (2,)])
 @pytest.mark.parametrize("frames", [21, 32])
 def test_salience_is_the_mean_over_levels_of_shares_of_the_median(batch, frames, rng):

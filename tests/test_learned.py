@@ -219,6 +219,9 @@ def test_joints_of_an_embedding_count_by_their_gain(rng):
     other = torch.cat([patch[:, :, :1], 2.0 * patch[:, :, 1:]], -2)
     assert torch.equal(embedding(patch), embedding(other))
     assert not torch.equal(embedding(patch), embedding(other.flip(-2)))
+    before, once = float(embedding.gain[0]), embedding(patch)
+    embedding.gain[0] = 3.0 * before
+    assert torch.allclose(embedding(patch), 3.0 * once)
 
 
 def test_bad_options_are_named():
@@ -231,9 +234,12 @@ def test_bad_options_are_named():
         PatchEmbedding(-1)
     with pytest.raises(ValueError, match="features must be >= 1, got 0"):
         PatchEmbedding(features=0)
+    with pytest.raises(ValueError, match=r"^channels must be >= 1, got 0"):
+        PatchEmbedding(channels=0)
     with pytest.raises(ValueError, match="joints must be >= 1, got 0"):
         PatchEmbedding(joints=0)
     with pytest.raises(ValueError, match="patch must have 4 joints, got 1"):
-        PatchEmbedding(2, joints=4)(torch.zeros(9, 5, 1, 3))
+        PatchEmbedding(2, joints=4)(torch.zeros(4, 9, 5, 1, 3))
+    PatchEmbedding(2, joints=4)(torch.zeros(7, 9, 5, 4, 3))
     with pytest.raises(ValueError, match="patch must have 5 frames, as patch_radius and"):
         PatchEmbedding(2)(torch.zeros(9, 11, 1, 3))

@@ -204,3 +204,9 @@ def test_bad_options_are_named():
         LiftingTransform(levels=-1)
     with pytest.raises(ValueError, match=r"q must have shape"):
         LiftingTransform()(torch.ones(5, 4))
+
+
+@pytest.mark.parametrize("frames", range(1, 35))
+def test_without_a_number_of_levels_one_frame_is_left(frames, rng):
+    pyramid = LiftingTransform("haar")(smooth_motion(frames=frames, rng=rng))
+    assert pyramid.approx.shape[0] == 1 and len(pyramid.details) == (frames - 1).bit_length()
