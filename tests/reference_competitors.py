@@ -199,27 +199,28 @@ def principal_components(q, weight, components):
     return rotations_of(points - offset + offset @ rows.T @ rows, means)
 
 
-def kernel_pca(q, components, sigma, iterations):
-    """Mika et al. with the centred Gram matrix of all poses; none of them is missing."""
+def kernel_pca(q, components, sigma, iterations, anchors=None):
+    """Mika et al. with the centred Gram matrix of these poses, or all; none of them is missing."""
     points, means, _ = poses(q, np.ones(q.shape[:2]))
-    frames, axes = points.shape
+    seen = points if anchors is None else points[anchors]
+    frames, axes = seen.shape
 
     def kernel(a, b):
         return math.exp(-((a - b) @ (a - b)) / (2.0 * axes * sigma**2))
 
-    gram = np.array([[kernel(a, b) for b in points] for a in points])
+    gram = np.array([[kernel(a, b) for b in seen] for a in seen])
     centring = np.eye(frames) - 1.0 / frames
     values, vectors = np.linalg.eigh(centring @ gram @ centring)
     values, vectors = values[::-1][:components], vectors[:, ::-1][:, :components]
     result = []
     for pose in points:
-        own = np.array([kernel(pose, each) for each in points])
+        own = np.array([kernel(pose, each) for each in seen])
         features = (vectors / np.sqrt(values)).T @ (centring @ (own - gram.mean(1)))
         gamma = centring @ (vectors / np.sqrt(values)) @ features + 1.0 / frames
         x = pose
         for _ in range(iterations):
-            pull = gamma * np.array([kernel(x, each) for each in points])
+            pull = gamma * np.array([kernel(x, each) for each in seen])
             if pull.sum() > 0.05 * np.abs(pull).sum():
-                x = pull @ points / pull.sum()
+                x = pull @ seen / pull.sum()
         result.append(x)
     return rotations_of(np.array(result), means)

@@ -51,6 +51,15 @@ def test_kernel_components_and_pre_images_are_those_of_the_loop(components, sigm
     assert_same_rotation(actual, torch.from_numpy(expected), 1e-6)
 
 
+@pytest.mark.parametrize("sigma", [0.5, 0.05])
+def test_anchors_are_the_middles_of_equal_stretches(sigma, rng):
+    """Poses far from all of them come to the nearest; the kernel is next to nothing there."""
+    q = smooth_motion(frames=15, rng=rng)
+    expected = oracle.kernel_pca(numpy_of(q), 4, sigma, 5, [1, 4, 7, 10, 13])
+    actual = KernelPCAFilter(4, sigma=sigma, iterations=5, landmarks=5)(q)
+    assert_same_rotation(actual, torch.from_numpy(expected), 1e-6)
+
+
 def test_the_kernel_is_as_wide_as_poses_lie_apart(rng):
     q = smooth_motion(frames=15, rng=rng)
     points, _, _ = oracle.poses(numpy_of(q), np.ones((15, 3)))
