@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import reference
 import torch
-from motions import angle_between, assert_same_rotation, numpy_of, smooth_motion
+from motions import angle_between, assert_same_rotation, numpy_of, random_rotations, smooth_motion
 from patterns import PATTERNS, with_pattern
 from torch.autograd import gradcheck, gradgradcheck
 
@@ -110,6 +110,13 @@ def test_radius_0_and_no_iterations_change_nothing(boundary, rng, dtype):
     same = {"sigma_t": 1.0, "sigma_g": 0.5, "boundary": boundary}
     assert_same_rotation(bilateral_filter(q, radius=0, **same), q)
     assert_same_rotation(bilateral_filter(q, iterations=0, **same), q)
+
+
+def test_the_hemisphere_is_that_of_the_input_after_two_passes(rng):
+    """Where rotations are so wild that two steps lead out of it, which one alone never does."""
+    q = random_rotations(60, 3, rng=rng)
+    filtered = bilateral_filter(q, sigma_t=3.0, sigma_g=10.0, iterations=2)
+    assert ((filtered * q).sum(-1) >= 0.0).all()
 
 
 def test_a_wide_geodesic_bandwidth_is_a_gaussian_filter(rng):

@@ -74,13 +74,22 @@ def test_gaussian_agrees_with_the_loop(boundary, causal, rng):
         assert_same_rotation(actual, torch.from_numpy(expected), 1e-10)
 
 
-def test_a_mask_per_joint_is_each_joint_with_its_mask(rng):
+@pytest.mark.parametrize("other", ["binomial", "sharpening"])
+def test_a_mask_per_joint_is_each_joint_with_its_mask(other, rng):
     q = smooth_motion(frames=9, joints=2, rng=rng)
-    masks = torch.tensor([MASKS["binomial"], MASKS["asymmetric"]], dtype=q.dtype)
+    masks = torch.tensor([MASKS[other], MASKS["asymmetric"]], dtype=q.dtype)
     together = linear_filter(q, mask=masks.T)
     for joint in range(2):
         alone = linear_filter(q[:, [joint]], mask=masks[joint])
         assert_same_rotation(together[:, [joint]], alone)
+
+
+@pytest.mark.parametrize("mask", [[1.0, 1.0, 1.0], [0.0, 0.5, 1.0], [1.0, 0.5, 1.0, 0.5, 1.0]])
+def test_a_signal_that_wants_a_gradient_is_filtered_the_same(mask, rng):
+    q = smooth_motion(frames=9, rng=rng)
+    assert_same_rotation(
+        linear_filter(q.clone().requires_grad_(), mask=mask), linear_filter(q, mask=mask)
+    )
 
 
 def test_kept_masks_of_later_frames_shift_the_sequence(rng):
@@ -208,6 +217,11 @@ def test_no_pattern_of_gaps_raises_the_gain_of_a_mask_with_negative_entries(rng)
     [
         (lambda q: linear_filter(q, mask=[1.0, 1.0]), r"mask must have shape \(2k \+ 1,\)"),
         (lambda q: LinearFilter([1.0, 1.0]), r"mask must have shape \(2k \+ 1,\)"),
+        (
+            lambda q: linear_filter(q, mask=torch.ones(3, 2).double()),
+            "mask must have one column or 3, got 2",
+        ),
+        (lambda q: LinearFilter([1.0], boundary="zero"), "^boundary must be one of"),
         (lambda q: LinearFilter([1.0, torch.nan, 1.0]), "mask must be finite with a sum > 0"),
         (lambda q: LinearFilter([-1.0, 1.0, 0.0]), "mask must be finite with a sum > 0"),
         (lambda q: gaussian_filter(q, sigma_t=0.0), "sigma_t must be finite and > 0, got 0.0"),
