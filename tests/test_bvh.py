@@ -247,8 +247,8 @@ def test_D16_names_are_kept_and_may_be_shared(read):
 
 
 def test_D17_two_roots_keep_their_order(read):
-    text = bvh_text(joint("a", ROTATIONS), joint("b", ROTATIONS), rows=["1 2 3 4 5 6"])
-    assert read(text).skeleton.parents == (-1, -1)
+    motion = read(bvh_text(joint("a", ROTATIONS), joint("b", ROTATIONS), rows=["1 2 3 4 5 6"]))
+    assert motion.names == ("a", "b") and motion.skeleton.parents == (-1, -1)
 
 
 @pytest.mark.parametrize(

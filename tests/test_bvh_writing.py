@@ -287,3 +287,13 @@ def test_names_in_any_encoding_are_written_as_they_were_read(load, tmp_path):
     io.save(motion, tmp_path / "new.bvh")
     assert b"ROOT caf\xe9\n" in (tmp_path / "new.bvh").read_bytes()
     assert io.load(tmp_path / "new.bvh").names == before.names
+
+
+def test_D17_roots_and_children_keep_their_order_in_a_new_file(rng, tmp_path):
+    still = torch.zeros(4, 3, dtype=torch.float64)
+    skeleton = Skeleton(("a", "b", "c", "d"), (-1, -1, 0, 0), still)
+    io.save(
+        io.Motion(random_rotations(1, 4, rng=rng), 30.0, skeleton.names, skeleton=skeleton),
+        tmp_path / "new.bvh",
+    )
+    assert io.load(tmp_path / "new.bvh").names == ("a", "c", "d", "b")

@@ -94,6 +94,12 @@ def test_prepare_gives_unit_quaternions_in_the_hemisphere_of_the_input(rng):
     assert trust.tolist() == [[1, 1], [1, 1], [0, 1], [1, 1], [1, 1]]
 
 
+def test_a_missing_frame_has_the_sign_of_what_it_is_filled_from():
+    q = torch.full((3, 1, 4), -0.5, dtype=torch.float64)
+    q[1] = torch.nan
+    assert torch.equal(timeline.prepare(q)[0], torch.full_like(q, -0.5))
+
+
 def test_restore_gives_back_hemisphere_and_dtype():
     q = torch.stack([IDENTITY, -IDENTITY])[:, None].half()
     result = timeline.restore(IDENTITY.expand(2, 1, 4), q.double(), q)
