@@ -43,6 +43,16 @@ def test_D18_E1_E2_E3_E11_hostile_files_are_refused(what, tmp_path, monkeypatch)
     assert fuzz_readers.outcome(path) == "refused"
 
 
+def test_a_window_of_seconds_is_read_as_any_other(tmp_path):
+    """Each frame of it at each of its places would be five million numbers."""
+    path = tmp_path / "case.yaml"
+    path.write_text(
+        "filter:\n  class_path: torchquat.SavitzkyGolayFilter\n"
+        "  init_args: {radius: 1100ms, order: 2}\n"
+    )
+    assert fuzz_readers.outcome(path) == "read"
+
+
 @pytest.mark.slow
 def test_D18_a_line_of_a_gigabyte(tmp_path, monkeypatch):
     path = tmp_path / "case.bvh"

@@ -1,6 +1,6 @@
 """Savitzky and Golay's filter on rotations: a polynomial fitted to every window."""
 
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import torch
@@ -56,7 +56,7 @@ def savitzky_golay_filter(
         Savitzky and Golay, Analytical Chemistry 1964, on Lee and Shin's construction (IEEE TVCG
         2002); ends as ``scipy.signal.savgol_filter`` has them.
     """
-    return _fitted(q, weight, _fits(radius, order), boundary)
+    return _fitted(q, weight, _fit(radius, order), boundary)
 
 
 class SavitzkyGolayFilter(nn.Module):
@@ -68,52 +68,64 @@ class SavitzkyGolayFilter(nn.Module):
         self.radius = radius
         self.order = order
         self.boundary: Ends = boundary
-        self._rows = _fits(radius, order)
+        self._fit = _fit(radius, order)
 
     @property
     def mask(self) -> list[float]:
         """Coefficients ``m_{-k}, ..., m_k`` away from the ends."""
-        return self._rows[self.radius]
+        return self._fit.mask
 
     def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
         """Filter unit quaternions ``(..., T, J, 4)``."""
-        return _fitted(q, weight, self._rows, self.boundary)
+        return _fitted(q, weight, self._fit, self.boundary)
 
     def extra_repr(self) -> str:
         """Window, degree and boundary."""
         return f"radius={self.radius}, order={self.order}, boundary={self.boundary!r}"
 
 
-def _fits(radius: int, order: int) -> list[list[float]]:
-    """What every frame of a window counts for in the polynomial's value at each of its places."""
+class _Fit(NamedTuple):
+    """A polynomial fitted to a window.
+
+    Attributes:
+        mask: What every frame of the window counts for in the middle, ``2 radius + 1`` numbers.
+        basis: Orthonormal polynomials at the frames, ``(2 radius + 1, order + 1)``. What all frames
+            count for at all places is its product with itself, which is large and made as needed.
+    """
+
+    mask: list[float]
+    basis: list[list[float]]
+
+
+def _fit(radius: int, order: int) -> _Fit:
+    """Checked, and fitted to a window around 0."""
     check_count("radius", radius, 0)
     check_count("order", order, 0)
     if order > 2 * radius:
         raise ValueError(f"order must be <= 2 radius = {2 * radius}, got {order}.")
     places = np.arange(-radius, radius + 1) / max(radius, 1)
     basis, _ = np.linalg.qr(np.vander(places, order + 1))
-    return (basis @ basis.T).tolist()
+    return _Fit((basis @ basis[radius]).tolist(), basis.tolist())
 
 
-def _fitted(q: Tensor, weight: Tensor | None, rows: list[list[float]], boundary: Ends) -> Tensor:
+def _fitted(q: Tensor, weight: Tensor | None, fit: _Fit, boundary: Ends) -> Tensor:
     check_choice("boundary", boundary, ENDS)
     unit, confidence = timeline.prepare(q, weight)
-    radius = len(rows) // 2
-    mask = as_mask(rows[radius], unit)
+    radius = len(fit.mask) // 2
+    mask = as_mask(fit.mask, unit)
     inner: Boundary = "replicate" if boundary == "interp" else boundary
     result = convolve(unit, confidence, mask, boundary=inner, causal=False)
     if boundary == "interp" and radius > 0 and unit.shape[-3] > 0:
-        result = _with_ends(result, unit, confidence, rows)
+        result = _with_ends(result, unit, confidence, fit)
     return result.to(q.dtype)
 
 
-def _with_ends(
-    result: Tensor, unit: Tensor, confidence: Tensor | None, rows: list[list[float]]
-) -> Tensor:
+def _with_ends(result: Tensor, unit: Tensor, confidence: Tensor | None, fit: _Fit) -> Tensor:
     """The result with frames of the outermost fits at both ends."""
     trust = unit.new_ones(unit.shape[:-1]) if confidence is None else confidence
-    frames, radius = unit.shape[-3], len(rows) // 2
-    fits = torch.tensor(rows[:radius], dtype=unit.dtype, device=unit.device)
+    frames, radius = unit.shape[-3], len(fit.mask) // 2
+    basis = torch.tensor(fit.basis, dtype=torch.float64, device=unit.device)
+    fits = (basis[:radius] @ basis.mT).to(unit.dtype)
     since = torch.arange(frames, device=unit.device)
     step, count = torch.zeros_like(unit[..., :3]), 0.0
     for way in (since, since.flip(0)):  # from the start, and from the end
