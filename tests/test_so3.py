@@ -249,6 +249,15 @@ def test_A7_distances_of_every_size_side_by_side():
     assert found[0] == 0 and torch.allclose(found, angle, rtol=1e-6, atol=0.0)
 
 
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
+def test_B9_the_dtype_stays(dtype, rng):
+    q, v = random_rotations(5, rng=rng).to(dtype), torch.ones(5, 3, dtype=dtype)
+    made = [so3.exp(v), so3.log(q), so3.compose(q, q), so3.inverse(q), so3.between(q, q.flip(0))]
+    made += [so3.turn(q, v), so3.rotate(q, v), so3.slerp(q, q.flip(0), 0.3), so3.normalize(q)]
+    made += [so3.align(q, -q), so3.distance(q, q.flip(0)), so3.midpoint(q, q.flip(0))]
+    assert {each.dtype for each in made} == {dtype}
+
+
 def test_B11_the_default_device_has_no_effect(rng):
     q, v = random_rotations(5, rng=rng), torch.ones(5, 3).double()
     odd = torch.cat([q[:3], 1e200 * q[3:4], torch.zeros(1, 4).double()])
