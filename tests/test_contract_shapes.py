@@ -15,6 +15,7 @@ from torchquat import (
     LinearFilter,
     _blocks,
     fill_missing,
+    lifting_denoiser,
     validity,
 )
 
@@ -66,7 +67,7 @@ def test_B6_leading_axes(run, rng):
         run(q[0, :, 0])
 
 
-@pytest.mark.parametrize("function", [*ALL.values(), validity, fill_missing])
+@pytest.mark.parametrize("function", [*ALL.values(), validity, fill_missing, lifting_denoiser])
 def test_B7_B8_other_shapes_and_types(function):
     good = torch.ones(5, 3, 4)
     for bad in (torch.ones(5, 3, 3), torch.ones(5, 3, 5), torch.ones(()), torch.ones(4)):
@@ -76,7 +77,8 @@ def test_B7_B8_other_shapes_and_types(function):
         with pytest.raises(TypeError, match=f"q must be a floating-point tensor, got {bad.dtype}"):
             function(bad)
     for bad in (good.numpy(), good.tolist(), None):
-        with pytest.raises(TypeError, match=r"q must be a torch\.Tensor, got "):
+        kind = type(bad).__name__
+        with pytest.raises(TypeError, match=rf"q must be a torch\.Tensor, got {kind}\."):
             function(bad)
 
 

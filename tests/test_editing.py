@@ -46,9 +46,9 @@ def test_without_details_everything_is_stored(batch, rng):
 
 
 @pytest.mark.parametrize("batch", [(), (2,)])
-@pytest.mark.parametrize("frames", [21, 32])
-def test_salience_is_the_mean_over_levels_of_shares_of_the_median(batch, frames, rng):
-    pyramid = split(batch, frames, 3, rng)
+@pytest.mark.parametrize(("frames", "levels"), [(21, 3), (32, 3), (21, 1), (21, 0)])
+def test_salience_is_the_mean_over_levels_of_shares_of_the_median(batch, frames, levels, rng):
+    pyramid = split(batch, frames, levels, rng)
     found = salience(pyramid)
     assert found.shape == (*batch, frames, 3)
     for item in np.ndindex(*batch):
@@ -57,11 +57,19 @@ def test_salience_is_the_mean_over_levels_of_shares_of_the_median(batch, frames,
             size = lengths(detail[item])
             share = size / np.median(size, axis=0)
             for t in range(frames):
-                place = t // 2 ** (3 - level)
+                place = t // 2 ** (levels - level)
                 expected[t] += share[place] if place < len(share) else 0.0
-        assert np.allclose(found[item].numpy(), expected / 3, rtol=1e-10)
+        assert np.allclose(found[item].numpy(), expected / max(levels, 1), rtol=1e-10)
 
 
 def test_nothing_is_salient_where_nothing_moves():
     q = torch.tensor([0.0, 0.0, 0.0, 1.0]).double().expand(16, 2, 4)
     assert (salience(LiftingTransform("haar", levels=2)(q)) == 0).all()
+
+
+def test_a_moment_of_motion_stands_out_of_rest(rng):
+    """Most details are 0: the others are measured by each other."""
+    q = torch.tensor([0.0, 0.0, 0.0, 1.0]).double().repeat(32, 1, 1)
+    q[10:16] = smooth_motion(frames=6, joints=1, rng=rng)
+    found = salience(LiftingTransform("haar", levels=1)(q))[:, 0]
+    assert 0.5 < float(found[10:16].mean()) < 2.0 and found[:10].max() == found[18:].max() == 0.0

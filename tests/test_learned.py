@@ -241,5 +241,7 @@ def test_bad_options_are_named():
     with pytest.raises(ValueError, match="patch must have 4 joints, got 1"):
         PatchEmbedding(2, joints=4)(torch.zeros(4, 9, 5, 1, 3))
     PatchEmbedding(2, joints=4)(torch.zeros(7, 9, 5, 4, 3))
-    with pytest.raises(ValueError, match="patch must have 5 frames, as patch_radius and"):
+    with pytest.raises(
+        ValueError, match=r"patch must have 5 frames, as patch_radius and causal say, got 11\."
+    ):
         PatchEmbedding(2)(torch.zeros(9, 11, 1, 3))

@@ -65,8 +65,9 @@ def stored_share(pyramid: Pyramid) -> Tensor:
 def salience(pyramid: Pyramid) -> Tensor:
     """How far details stand out at every frame: steps and impacts, not smooth motion.
 
-    Each detail is measured by the median of its level and joint; a frame gets the mean over the
-    levels of the detail whose pair of frames it lies in.
+    Each detail is measured by the median of those of its level and joint that are not 0: a joint
+    may rest for most of the time. A frame gets the mean over the levels of the detail whose pair of
+    frames it lies in.
 
     Args:
         pyramid: What :class:`LiftingTransform` made of a motion.
@@ -79,7 +80,7 @@ def salience(pyramid: Pyramid) -> Tensor:
     total = pyramid.approx.new_zeros(*pyramid.approx.shape[:-3], frames, pyramid.approx.shape[-2])
     for level, detail in enumerate(pyramid.details):
         length = norm(detail)
-        usual = masked_median(length)
+        usual = masked_median(length, length[..., 0] > 0)
         ratio = torch.where(usual > 0, length / torch.where(usual > 0, usual, 1.0), 0.0)[..., 0]
         spread = ratio.repeat_interleave(2 ** (levels - level), -2)[..., :frames, :]
         missing = frames - spread.shape[-2]
