@@ -241,3 +241,10 @@ def test_blocks_of_time_make_no_difference(groups, causal, size, rng, monkeypatc
     assert len(list(_blocks.blocks(q, 0))) > 1
     cut = nonlocal_pose_means(q, weight, groups=groups, causal=causal, **options)
     assert_same_rotation(cut, whole, 1e-14)
+
+
+def test_B11_groups_are_counted_where_the_motion_is(rng):
+    q, sizes = smooth_motion(rng=rng), {"sigma": 0.3, "patch_radius": 1, "search_radius": 3}
+    expected = nonlocal_pose_means(q, groups=[0, 1, 0], **sizes)
+    with torch.device("meta"):
+        assert torch.equal(nonlocal_pose_means(q, groups=[0, 1, 0], **sizes), expected)
