@@ -106,6 +106,23 @@ def test_savitzky_golay_of_fewer_frames_than_its_window(frames, rng):
     assert_same_rotation(actual, about_one_axis(np.nanmean(fits, 0)), 1e-10)
 
 
+@pytest.mark.parametrize(("radius", "order"), [(2, 2), (60, 6)])
+def test_savitzky_golay_keeps_polynomials_in_windows_of_any_length(radius, order):
+    place = np.arange(-radius, radius + 1) / radius
+    for power in range(order + 1):
+        kept = SavitzkyGolayFilter(radius, order).mask @ place**power
+        assert kept == pytest.approx(float(power == 0), abs=1e-9)
+
+
+def test_savitzky_golay_at_an_end_where_nothing_counts_less_than_nothing():
+    """The first fit has negative shares for frames 2 and 3 alone; without them, it is a mean."""
+    angle = np.array([0.0, 0.3, np.nan, np.nan, 0.9, 1.0, 1.0, 1.0])
+    share = np.array([31.0, 9.0, 3.0]) / 43.0
+    found = SavitzkyGolayFilter(2, 2)(about_one_axis(angle))
+    expected = about_one_axis(share @ angle[[[0], [1], [4]]])
+    assert_same_rotation(found[:1], expected, 1e-9)
+
+
 @pytest.mark.parametrize("boundary", torchquat.timeline.BOUNDARIES)
 def test_savitzky_golay_weighs_as_its_mask(boundary, rng):
     mask = signal.savgol_coeffs(5, 2).tolist()

@@ -7,7 +7,9 @@ import torch
 from motions import assert_same_rotation, numpy_of, random_rotations, smooth_motion
 
 from torchquat import KernelPCAFilter, PrincipalComponentFilter
+from torchquat.filters._chart import Chart
 from torchquat.filters._spectra import leading, of_eigenvalues
+from torchquat.filters.subspace import _mean
 
 
 @pytest.mark.parametrize("components", [1, 3, 0.7])
@@ -79,3 +81,23 @@ def test_joints_that_are_missing_throughout_make_no_difference_to_the_others(rng
     # the width of the kernel is that of a whole pose
     found = KernelPCAFilter(1, sigma=0.8 / 8**0.5)(among, weight)
     assert_same_rotation(found[:, 2:3], alone, 1e-9)
+
+
+def test_the_mean_pose_is_that_of_every_axis(rng):
+    points, trust = (torch.rand(2, 2, 5, 6, generator=rng) + 0.1).double().unbind(0)
+    expected = np.average(numpy_of(points), axis=1, weights=numpy_of(trust))
+    found = _mean(Chart(points, trust, points[..., :4]))
+    assert np.allclose(found[:, 0].numpy(), expected, atol=1e-12) and found.shape == (2, 1, 6)
+
+
+@pytest.mark.parametrize("run", [PrincipalComponentFilter(2), KernelPCAFilter(2, sigma=0.5)])
+def test_confidences_are_relative(run, rng):
+    q = smooth_motion(frames=15, rng=rng)
+    weight = torch.rand(15, 3, generator=rng, dtype=q.dtype)
+    assert_same_rotation(run(q, 1e-3 * weight), run(q, weight), 1e-9)
+
+
+def test_more_components_than_there_are_kinds_of_poses(rng):
+    """Two poses in turn: all but one eigenvalue are rounding, and are not divided by."""
+    q = smooth_motion(frames=2, rng=rng).repeat(4, 1, 1)
+    assert_same_rotation(KernelPCAFilter(4, sigma=0.5)(q), q, 1e-9)
