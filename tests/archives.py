@@ -1,17 +1,9 @@
-"""Folders of generated motion files, and how they are cleaned."""
+"""Folders of generated motion files."""
 
 from pathlib import Path
 
-import denoise
 import numpy as np
 from bvh_files import one_joint
-
-GENTLE = ("--config", "gentle")
-
-
-def run(*arguments: object) -> int:
-    """The example's exit status."""
-    return denoise.main([str(argument) for argument in arguments])
 
 
 def write_archive(folder: Path, files: int, frames: int = 20) -> None:

@@ -10,16 +10,22 @@ import time
 from pathlib import Path
 
 import _engines
+import denoise
 import pytest
 import yaml
 from _manifest import Manifest, read_manifest
-from archives import GENTLE, contents, run, write_archive
+from archives import contents, write_archive
 from bvh_files import one_joint
 
 from torchquat import chunks
 
 ROOT = Path(__file__).parents[1]
 COMMAND = [sys.executable, str(ROOT / "examples" / "denoise.py")]
+GENTLE = ("--config", "gentle")
+
+
+def run(*arguments) -> int:
+    return denoise.main([str(argument) for argument in arguments])
 
 
 def test_a_finished_batch_is_left_alone(archive, cleaned, tmp_path, capsys):

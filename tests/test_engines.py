@@ -6,7 +6,8 @@ from concurrent.futures.process import BrokenProcessPool
 import _engines
 import pytest
 import torch
-from archives import GENTLE, contents, run
+from archives import contents
+from test_archives import GENTLE, run
 
 
 def killing(mark, *, always=False):
