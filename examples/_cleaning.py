@@ -3,7 +3,8 @@
 import importlib
 import math
 import time
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +30,7 @@ __all__ = [
     "denoise",
     "process",
     "read",
+    "skip_finished",
     "warm_up",
 ]
 
@@ -100,9 +102,8 @@ def process(task: Task, options: Options) -> Outcome:
     Returns:
         What became of it; an output that exists is a finished one, unless it may be overwritten.
     """
-    if task.target.exists() and not options.overwrite:
-        line = f"{task.source} -> {task.target}: exists, skipped; --overwrite makes it again"
-        return Outcome(task, SKIPPED, line)
+    if outcome := _skipped(task, options):
+        return outcome
     try:
         return _cleaned(task, options)
     except (ValueError, OSError) as error:
@@ -110,6 +111,28 @@ def process(task: Task, options: Options) -> Outcome:
     except Exception as error:  # a batch goes on, whatever one file does
         text = f"{type(error).__name__}: {one_line(error)}"
     return Outcome(task, FAILED, text if str(task.source) in text else f"{task.source}: {text}")
+
+
+def skip_finished(
+    tasks: Iterable[Task], options: Options, waiting: deque[Task]
+) -> Iterator[Outcome]:
+    """Before a batch begins, set aside the files that are finished.
+
+    Whatever output of a waiting file turns up later is the batch's own.
+
+    Args:
+        tasks: All files.
+        options: What holds for all.
+        waiting: Gets those that are to be worked on.
+
+    Yields:
+        What became of the others.
+    """
+    for task in tasks:
+        if outcome := _skipped(task, options):
+            yield outcome
+        else:
+            waiting.append(task)
 
 
 def denoise(motion: Motion, config: FilterConfig, device: str = "cpu") -> Motion:
@@ -149,6 +172,13 @@ def read(path: Path, options: Options) -> tuple[dict[str, Motion], io.Estimate |
             path, frame_rate=options.frame_rate, trust_pickle=options.trust_pickle
         )
     return {name: estimate.motion(name) for name in estimate.tracks}, estimate
+
+
+def _skipped(task: Task, options: Options) -> Outcome | None:
+    if options.overwrite or not task.target.exists():
+        return None
+    line = f"{task.source} -> {task.target}: exists, skipped; --overwrite makes it again"
+    return Outcome(task, SKIPPED, line)
 
 
 def _cleaned(task: Task, options: Options) -> Outcome:

@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import replace
 from multiprocessing import get_context
 
 import torch
 from _batch import Task
-from _cleaning import FAILED, Options, Outcome, process, warm_up
+from _cleaning import FAILED, Options, Outcome, process, skip_finished, warm_up
 
 __all__ = ["DEAD", "Engine", "locally"]
 
@@ -37,15 +38,17 @@ def locally(
     Yields:
         What became of each file.
     """
-    if min(workers, len(tasks)) < 2:
+    waiting, lost, dead = deque[Task](), deque[Task](), deque[Task]()
+    yield from skip_finished(tasks, options, waiting)
+    if min(workers, len(waiting)) < 2:
         with _threads(threads):
-            yield from (process(task, options) for task in tasks)
+            yield from (process(task, options) for task in waiting)
         return
-    waiting, lost, dead = deque(tasks), deque[Task](), deque[Task]()
     while waiting:
         yield from _in_a_pool(waiting, lost, options, workers, threads, ahead=2 * workers)
+    again = replace(options, overwrite=True)  # a worker may have died after it had written
     while lost:  # one at a time: what is lost now has killed its worker itself
-        yield from _in_a_pool(lost, dead, options, 1, threads, ahead=1)
+        yield from _in_a_pool(lost, dead, again, 1, threads, ahead=1)
     yield from (Outcome(task, FAILED, f"{task.source}: {DEAD}") for task in dead)
 
 

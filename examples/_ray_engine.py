@@ -5,11 +5,12 @@ import os
 import sys
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from _batch import Task
-from _cleaning import FAILED, Options, Outcome, process, warm_up
+from _cleaning import FAILED, Options, Outcome, process, skip_finished, warm_up
 from _engines import DEAD
 
 try:
@@ -31,9 +32,10 @@ class _Cleaner:
         os.chdir(folder)  # paths are relative to it
         self.options = options
 
-    def clean(self, task: Task) -> Outcome:
-        """Read, filter and write one file."""
-        return process(task, self.options)
+    def clean(self, task: Task, again: bool) -> Outcome:
+        """Read, filter and write one file; an actor that died of it may have written it."""
+        overwrite = self.options.overwrite or again
+        return process(task, replace(self.options, overwrite=overwrite))
 
 
 def on_ray(
@@ -54,6 +56,10 @@ def on_ray(
     Yields:
         What became of each file.
     """
+    waiting = deque[Task]()
+    yield from skip_finished(tasks, options, waiting)
+    if not waiting:
+        return
     ray.init(
         address=address,
         num_cpus=None if address else max(workers * threads, 1),
@@ -65,25 +71,25 @@ def on_ray(
     try:
         gpus = int(ray.cluster_resources().get("GPU", 0))
         if gpus:
-            options = Options(**{**vars(options), "device": "cuda"})
+            options = replace(options, device="cuda")
         folder = str(Path.cwd())
         share = min(gpus / workers, 1.0)
         kind = ray.remote(num_cpus=threads, num_gpus=share)(_Cleaner)
-        yield from _handed_out(tasks, lambda: kind.remote(options, threads, folder), workers)
+        yield from _handed_out(waiting, lambda: kind.remote(options, threads, folder), workers)
     finally:
         ray.shutdown()
 
 
-def _handed_out(tasks: Sequence[Task], new_actor: Any, workers: int) -> Iterator[Outcome]:
+def _handed_out(waiting: deque[Task], new_actor: Any, workers: int) -> Iterator[Outcome]:
     """One file at a time for every actor."""
-    waiting, tries = deque(tasks), Counter[Task]()
+    tries = Counter[Task]()
     idle = [new_actor() for _ in range(min(workers, len(waiting)))]
     running: dict[Any, tuple[Any, Task]] = {}
     while waiting or running:
         while waiting and idle:
             actor, task = idle.pop(), waiting.popleft()
             tries[task] += 1
-            running[actor.clean.remote(task)] = actor, task
+            running[actor.clean.remote(task, tries[task] > 1)] = actor, task
         done, _ = ray.wait(list(running))
         for reference in done:
             actor, task = running.pop(reference)
