@@ -47,13 +47,21 @@ def lasting(rng):
     return noise.correlated(swaying(), 0.05, rho=0.8, generator=rng)
 
 
+def dragged(rng):
+    """Noise of both kinds: that it lasts is not told if it is taken for alike about all axes."""
+    slow = noise.correlated(swaying(), 0.4, rho=0.8, generator=rng)
+    share = torch.tensor([0.125, 1.0, 0.125], dtype=torch.float64)
+    return so3.turn(swaying(), share * so3.log(so3.relative(swaying(), slow)))
+
+
 def noisy(rng):
     """So much noise that every sample would be taken for wild if its size were not known."""
     return noise.gaussian(swaying(), 0.6, generator=rng)
 
 
 @pytest.mark.parametrize(
-    ("make", "missing"), [(shaken, 0.0), (spoiled, 0.0), (noisy, 0.0), (lasting, 0.4)]
+    ("make", "missing"),
+    [(shaken, 0.0), (spoiled, 0.0), (noisy, 0.0), (lasting, 0.4), (dragged, 0.0)],
 )
 def test_one_step_after_the_other(make, missing, rng):
     """Wild samples by the size of the noise; the noise again, without them; then the mixture."""
@@ -61,7 +69,7 @@ def test_one_step_after_the_other(make, missing, rng):
     weight[torch.rand(200, 3, generator=rng) < missing] = 0.0
     sigma = rounded(noise.estimate_sigma(q))
     stretch = stretch_of(principal(measured(q, None).found), sigma)
-    assert (stretch is not None) == (make is shaken)
+    assert (stretch is not None) == (make in (shaken, dragged))
     repaired, trust = repair(q, weight, sigma=mean_size(sigma, stretch))
     seen = measured(repaired, trust)
     stretch = stretch_of(principal(seen.found), rounded(noise.estimate_sigma(repaired, trust)))
@@ -70,6 +78,12 @@ def test_one_step_after_the_other(make, missing, rng):
     expected = mixture(repaired, weight, size, rho, motion, stretch)
     assert_same_rotation(denoise(q, weight), expected)
     assert (make in (shaken, spoiled)) == bool(((trust == 0) & (weight > 0)).any())
+
+
+def test_axes_are_each_motions_own(rng):
+    """In a batch of a motion that trembles about one axis, and one that does not."""
+    batch = torch.stack([shaken(rng), lasting(rng)])
+    assert_same_rotation(denoise(batch), torch.stack([denoise(q) for q in batch]))
 
 
 def test_strength_walks_along_the_geodesic(rng):
