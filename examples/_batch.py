@@ -1,6 +1,7 @@
 """Which files a command reads, and where each result goes."""
 
 import glob
+import os
 import re
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
@@ -70,18 +71,36 @@ def plan(inputs: Sequence[str], output: Path, *, pickles: bool = False) -> list[
 def _find(text: str, output: Path, endings: Sequence[str]) -> Iterator[tuple[Path, Path]]:
     """Files of one input, and their places below the output folder."""
     path = Path(text)
-    if path.is_dir():
-        for source in sorted(path.rglob("*")):
-            # results of an earlier run inside the input folder are no inputs
-            if _ends_in(source, endings) and not source.is_relative_to(output):
-                yield source, source.relative_to(path)
-    elif path.is_file():
+    if path.is_file():
         yield path, Path(path.name)
-    else:
-        base = _fixed_part(path)
-        for source in sorted(base.glob(str(path.relative_to(base)))):
-            if _ends_in(source, endings):
-                yield source, source.relative_to(base)
+        return
+    base = path if path.is_dir() else _fixed_part(path)
+    sources = _walk(path) if path.is_dir() else base.glob(str(path.relative_to(base)))
+    for source in sorted(sources):
+        # results of an earlier run inside the input folder are no inputs
+        made = _resolved(source.parent).is_relative_to(_resolved(output))
+        if not made and _ends_in(source, endings):
+            yield source, source.relative_to(base)
+
+
+def _walk(folder: Path) -> Iterator[Path]:
+    """All files below a folder, and below those that links lead to, each folder once.
+
+    Raises:
+        OSError: If a folder cannot be read.
+    """
+    seen = set[Path]()
+    for place, folders, names in os.walk(folder, onerror=_refuse, followlinks=True):
+        if _resolved(Path(place)) in seen:
+            folders.clear()
+            continue
+        seen.add(_resolved(Path(place)))
+        folders.sort()
+        yield from (Path(place, name) for name in names)
+
+
+def _refuse(error: OSError) -> None:
+    raise error
 
 
 def _check_inside(task: Task, output: Path) -> None:
@@ -116,7 +135,8 @@ def shard(tasks: Sequence[Task], part: str | None) -> list[Task]:
 
 
 def _ends_in(path: Path, endings: Sequence[str]) -> bool:
-    return path.suffix.lower() in endings and path.is_file()
+    """A link that leads nowhere does, too: it is named when its turn comes."""
+    return path.suffix.lower() in endings and (path.is_file() or not path.exists())
 
 
 def _fixed_part(pattern: Path) -> Path:
@@ -131,4 +151,4 @@ def _fixed_part(pattern: Path) -> Path:
 
 def _key(target: Path) -> Path:
     """Equal for names that are one file on systems which do not tell capitals apart."""
-    return target.parent / target.name.lower()
+    return _resolved(target.parent) / target.name.lower()

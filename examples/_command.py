@@ -1,7 +1,11 @@
 """What the example commands share: arguments in, one line out where something is wrong."""
 
+import io
+import signal
 import sys
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
@@ -17,15 +21,20 @@ def run(parser: ArgumentParser, argv: Sequence[str] | None, job: Callable[[Names
         job: Returns the exit status.
 
     Returns:
-        The exit status: 2 where the arguments are wrong, 1 where the job failed.
+        The exit status: 2 where the arguments are wrong, 1 where the job failed, 130 where it was
+        interrupted or asked to end.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name that it cannot show must not stop it
+            stream.reconfigure(errors="backslashreplace")
     try:
         arguments = parser.parse_args(None if argv is None else list(argv))
     except ArgumentError as error:
         print(f"error: {one_line(error)}", file=sys.stderr)
         return 2
     try:
-        return job(arguments)
+        with _termination_interrupts():
+            return job(arguments)
     except (ValueError, OSError) as error:
         print(f"error: {one_line(error)}", file=sys.stderr)
         return 1
@@ -39,3 +48,16 @@ def one_line(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror and error.filename:
         return f"{error.filename}: {error.strerror}"
     return " ".join(str(error).split()) or type(error).__name__
+
+
+@contextmanager
+def _termination_interrupts() -> Iterator[None]:
+    """A request to end does what an interrupt does, which leaves nothing half done."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before or signal.SIG_DFL)

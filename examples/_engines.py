@@ -1,13 +1,15 @@
 """Who does the work: this process, or several on this machine."""
 
+import os
 import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 
 import torch
 from _batch import Task
@@ -40,7 +42,7 @@ def locally(
     """
     waiting, lost, dead = deque[Task](), deque[Task](), deque[Task]()
     yield from skip_finished(tasks, options, waiting)
-    if min(workers, len(waiting)) < 2:
+    if min(workers, len(tasks)) < 2:
         with _threads(threads):
             yield from (process(task, options) for task in waiting)
         return
@@ -73,30 +75,55 @@ def _in_a_pool(
         while waiting or running:
             while waiting and len(running) < ahead:
                 task = waiting[0]
-                running[pool.submit(process, task, options)] = task  # raises where a worker died
+                with _interrupts_held():
+                    # raises where a worker died
+                    running[pool.submit(process, task, options)] = task
                 waiting.popleft()
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 outcome = future.result()
                 del running[future]
                 yield outcome
     except BrokenProcessPool:
-        for future, task in running.items():
-            if future.done() and future.exception() is None:
-                yield future.result()
-            else:
-                lost.append(task)
+        lost.extend(task for future, task in running.items() if not _succeeded(future))
+        yield from (future.result() for future in running if _succeeded(future))
     except KeyboardInterrupt:  # what has begun is finished, so that no work is lost
         pool.shutdown(cancel_futures=True)
-        yield from (future.result() for future in running if not future.cancelled())
+        yield from (future.result() for future in running if _succeeded(future))
         raise
     finally:
         pool.shutdown(cancel_futures=True)
 
 
+def _succeeded(future: Future[Outcome]) -> bool:
+    return future.done() and not future.cancelled() and future.exception() is None
+
+
 def _begin(threads: int) -> None:
     """In every new process; an interrupt is for the one that hands out the work."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     warm_up(threads)
+
+
+def _end_with_parent() -> None:
+    """Nobody would be told of what a worker did after that."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Processes that are started meanwhile hold them back too: loading torch, they would die."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

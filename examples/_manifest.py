@@ -27,7 +27,8 @@ class Manifest:
 
     def write(self, record: Mapping[str, Any]) -> None:
         """Add a line; it is on the disk when this returns."""
-        self._file.write(json.dumps(record, ensure_ascii=False).encode() + b"\n")
+        # escapes, as a name on a disk may be no text in any encoding
+        self._file.write(json.dumps(record).encode() + b"\n")
         self._file.flush()
         os.fsync(self._file.fileno())
 
@@ -51,7 +52,7 @@ def read_manifest(path: Path) -> list[dict[str, Any]]:
     if not path.exists():
         return []
     records = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+    for line in path.read_text(encoding="utf-8", errors="replace").split("\n"):
         try:
             record = json.loads(line)
         except ValueError:  # half a line of a run that was killed

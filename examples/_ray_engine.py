@@ -11,11 +11,12 @@ from typing import Any
 
 from _batch import Task
 from _cleaning import FAILED, Options, Outcome, process, skip_finished, warm_up
+from _command import one_line
 from _engines import DEAD
 
 try:
     import ray
-    from ray.exceptions import RayActorError
+    from ray.exceptions import RayError, RayTaskError
 except ImportError:
     raise ValueError("--engine ray needs Ray: pip install 'torchquat[ray]'") from None
 
@@ -96,7 +97,10 @@ def _handed_out(waiting: deque[Task], new_actor: Any, workers: int) -> Iterator[
             try:
                 yield ray.get(reference)
                 idle.append(actor)
-            except RayActorError:
+            except RayTaskError as error:  # raised by Python, not by what became of the process
+                idle.append(actor)
+                yield Outcome(task, FAILED, f"{task.source}: {one_line(error.cause or error)}")
+            except RayError:  # the actor, its machine, or what watches over its memory
                 idle.append(new_actor())
                 if tries[task] < TRIES:
                     waiting.append(task)

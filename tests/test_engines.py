@@ -1,11 +1,17 @@
 """Who does the work of a batch: workers that die, and the same bytes from all of them."""
 
+import importlib
+from collections import deque
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from types import SimpleNamespace
 
 import _engines
 import pytest
 import torch
+from _batch import Task
+from _cleaning import Outcome
 from archives import contents
 from test_archives import GENTLE, run
 
@@ -108,6 +114,32 @@ def test_F6_ray_writes_the_same_bytes_though_a_worker_dies(archive, tmp_path, ca
     assert "12 done, 0 skipped, 0 failed" in capsys.readouterr().out
     assert run(*arguments, "--output", tmp_path / "local") == 0
     assert contents(tmp_path / "ray") == contents(tmp_path / "local")
+
+
+@pytest.mark.parametrize("deaths", [1, 2])
+def test_ray_tries_a_file_again_whatever_its_worker_died_of(deaths, monkeypatch):
+    """Ray names what ran out of memory by another kind of error than what was killed."""
+    ray = pytest.importorskip("ray", reason="Ray is not installed")
+    engine = importlib.import_module("_ray_engine")
+    task = Task(Path("a.bvh"), Path("out/a.bvh"), Path("a.bvh"))
+    ends = [ray.exceptions.OutOfMemoryError("too much")] * deaths + [Outcome(task, "done", "")]
+    tries = []
+
+    def get(reference):
+        if isinstance(ends[reference], Exception):
+            raise ends[reference]
+        return ends[reference]
+
+    def clean(task, again):
+        tries.append(again)
+        return len(tries) - 1
+
+    actor = SimpleNamespace(clean=SimpleNamespace(remote=clean))
+    monkeypatch.setattr(ray, "wait", lambda references: (references, []))
+    monkeypatch.setattr(ray, "get", get)
+    (outcome,) = engine._handed_out(deque([task]), lambda: actor, 1)
+    assert tries == [False, True]
+    assert outcome.status == ("done" if deaths == 1 else "failed")
 
 
 def test_threads_are_put_back(archive, tmp_path):
