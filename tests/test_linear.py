@@ -180,6 +180,14 @@ def test_gradients_of_signal_weights_mask_and_bandwidth(rng):
         assert gradgradcheck(run, (q, weight, parameter), fast_mode=True)
 
 
+@pytest.mark.parametrize("mask", [[0.0, 1.0, 0.0], [-0.1, 0.0, 1.2, 0.0, -0.1]])
+def test_entries_that_are_0_can_be_learned(mask, rng):
+    """A mask that is the identity is where learning one begins."""
+    q = smooth_motion(frames=5, joints=2, rng=rng)
+    mask = torch.tensor(mask, dtype=torch.float64, requires_grad=True)
+    assert gradcheck(lambda mask: linear_filter(q, mask=mask), mask)
+
+
 @pytest.mark.parametrize("sigma_t", [1.0, [0.5, 1.0, 1.5]], ids=["one", "per-joint"])
 def test_learnable_bandwidth_stays_positive(sigma_t, rng):
     module = GaussianFilter(sigma_t, learnable=True)

@@ -55,6 +55,17 @@ def test_missing_frames_take_no_part(run, latency, rng):
     assert_same_rotation(result[same], expected[same], 1e-12)
 
 
+@online
+def test_a_gap_just_before_the_end(run, latency, rng):
+    """The last frame is there: the gap ends in every window that is still to come."""
+    frames = 70 if latency > 20 else 24
+    q, weight = noisy(rng=rng, frames=frames), torch.ones(frames, 1, dtype=torch.float64)
+    weight[-max(latency, 2) - 3 : -1] = 0.0
+    expected, result = run(q, weight), streamed(run, q, weight)
+    soon = known_soon(weight[:, 0] > 0, run, latency)
+    assert_same_rotation(result[soon], expected[soon], 1e-12)
+
+
 @pytest.mark.parametrize("frames", [1, 2, 7])
 @online
 def test_sequences_shorter_than_the_window(run, latency, frames, rng):

@@ -97,6 +97,21 @@ def test_confidences_are_relative(run, rng):
     assert_same_rotation(run(q, 1e-3 * weight), run(q, weight), 1e-9)
 
 
+def test_a_missing_pose_leaves_derivatives_by_weights_finite(rng):
+    q = smooth_motion(frames=9, rng=rng)
+    weight = torch.rand(9, 3, generator=rng, dtype=q.dtype) + 0.5
+    weight[4] = 0.0
+    run = KernelPCAFilter(2, sigma=0.5)
+    total = (run(q, weight.requires_grad_())[0] * q[1]).sum()
+    (slope,) = torch.autograd.grad(total, weight)
+    step = torch.zeros_like(weight).index_put(
+        (torch.tensor(2), torch.tensor(1)), weight.new_tensor(1e-6)
+    )
+    ends = [(run(q, weight.detach() + sign * step)[0] * q[1]).sum() for sign in (1, -1)]
+    assert slope.isfinite().all() and slope[2, 1] != 0
+    assert torch.allclose(slope[2, 1], (ends[0] - ends[1]) / 2e-6, rtol=1e-5)
+
+
 def test_more_components_than_there_are_kinds_of_poses(rng):
     """Two poses in turn: all but one eigenvalue are rounding, and are not divided by."""
     q = smooth_motion(frames=2, rng=rng).repeat(4, 1, 1)

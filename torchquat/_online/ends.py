@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor, nn
 
+from torchquat import missing
 from torchquat._online.cascade import Windowed
 from torchquat._online.frames import Frames
 
@@ -53,6 +54,6 @@ def _filtered(filter: nn.Module, frames: Frames, people: Tensor, count: int) -> 
     trust = frames.trust[:, start:].index_select(0, people)
     if count == frames.q.shape[-2]:
         # what the first frame is filled with comes from before: no result due has it in its window
-        tiny = torch.finfo(trust.dtype).tiny
-        trust = torch.cat([trust[:, :1].clamp(min=tiny), trust[:, 1:]], 1)
+        least = missing.weight_range(trust.dtype)[0]
+        trust = torch.cat([trust[:, :1].clamp(min=least), trust[:, 1:]], 1)
     return filter(q.movedim(0, -1), trust).movedim(-1, 0)

@@ -170,7 +170,7 @@ class Tracker:
 
 def _bounded(trust: Tensor) -> Tensor:
     """Weights in double precision, none so large that products overflow."""
-    return trust.double().clamp_(max=HEAVIEST)
+    return trust.double().clamp(max=HEAVIEST)
 
 
 def _present(frame: Entered) -> Tensor:

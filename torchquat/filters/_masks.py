@@ -17,7 +17,8 @@ def convolve(
     unit: Tensor, confidence: Tensor | None, mask: Tensor, *, boundary: Boundary, causal: bool
 ) -> Tensor:
     """Filter with a mask ``(2k + 1, J or 1)`` that may have negative entries."""
-    rising, falling = mask.clamp(min=0), mask.clamp(max=0)
+    rising = mask.clamp(min=0)
+    falling = mask - rising  # not clamped: derivatives by an entry that is 0 would count twice
 
     def step(window: Tensor, trust: Tensor | None, rising: Tensor, falling: Tensor) -> Vector:
         up, up_total = masked_mean(window, trust, rising, causal=causal)
@@ -65,8 +66,9 @@ def as_mask(mask: Tensor | Sequence[float], like: Tensor) -> Tensor:
     if like.dim() > 2 and mask.dim() == 2 and mask.shape[1] not in (1, like.shape[-2]):
         joints = like.shape[-2]
         raise ValueError(f"mask must have one column or {joints}, got {mask.shape[1]}.")
-    # what is too small to divide by would make a mean of nothing
-    mask = torch.where(mask.abs() >= torch.finfo(mask.dtype).tiny, mask, 0.0)
+    # what is too small to divide by would make a mean of nothing; 0 itself may be learned from
+    subnormal = (mask != 0) & (mask.abs() < torch.finfo(mask.dtype).tiny)
+    mask = torch.where(subnormal, 0.0, mask)
     return mask.reshape(len(mask), -1)
 
 

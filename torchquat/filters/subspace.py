@@ -260,7 +260,8 @@ def _projected(
     inner = inner - average[:, None] - average[..., None] + whole
     outer = outer - average[:, None] - (share[:, None] * outer).sum(-1, keepdim=True) + whole
 
-    root = share.sqrt()
+    # the root has no slope at 0
+    root = torch.where(share > 0, torch.where(share > 0, share, 1.0).sqrt(), 0.0)
     scaled = root[..., None] * inner * root[:, None]
     known, basis = torch.linalg.eigh(scaled.detach())
     # below this an eigenvalue is rounding, and one over it noise
