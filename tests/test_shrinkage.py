@@ -1,5 +1,6 @@
 """Denoising, compression, features and editing on lifting details."""
 
+import copy
 import math
 
 import numpy as np
@@ -11,7 +12,10 @@ from patterns import PATTERNS, with_pattern
 from torch.autograd import gradcheck, gradgradcheck
 
 from torchquat import (
+    LearnedPredict,
+    LearnedUpdate,
     LiftingDenoiser,
+    LiftingStep,
     LiftingTransform,
     compress,
     gaussian_filter,
@@ -139,6 +143,45 @@ def test_gains_are_found_also_where_gradients_are_off():
         assert LiftingDenoiser(levels=2).noise_gain == expected
     with torch.no_grad():
         assert LiftingDenoiser(levels=2).noise_gain == expected
+
+
+def learned(rng):
+    """A denoiser with a scheme of its own."""
+    step = LiftingStep(LearnedPredict(), LearnedUpdate()).double()
+    with torch.no_grad():
+        for parameter in step.parameters():
+            parameter += 0.1 * torch.randn(parameter.shape, generator=rng, dtype=torch.float64)
+    return LiftingDenoiser(step, levels=3)
+
+
+def test_B16_gains_are_those_of_what_was_loaded(rng):
+    one, other = learned(rng), learned(rng)
+    q = noise.gaussian(smooth_motion(frames=40, rng=rng), 0.1, generator=rng)
+    other(q)
+    other.load_state_dict(one.state_dict())
+    assert torch.equal(other(q), one(q))
+
+
+def test_gains_follow_a_scheme_that_is_trained(rng):
+    run = learned(rng)
+    q = noise.gaussian(smooth_motion(frames=40, rng=rng), 0.1, generator=rng)
+    before = run.noise_gain
+    run(q)[..., 3].sum().backward()
+    assert run.noise_gain == before  # measured once
+    torch.optim.SGD(run.parameters(), lr=1e-3).step()
+    trained = run(q)
+    assert run.noise_gain != before
+    assert torch.equal(trained, copy.deepcopy(run)(q))
+    assert torch.equal(trained, LiftingDenoiser(run.transform.steps[0], levels=3)(q))
+
+
+def test_levels_beyond_the_clip_cost_nothing(rng):
+    q = smooth_motion(frames=30, rng=rng)
+    for rule in (0.1, "finest"):
+        few, many = (LiftingDenoiser("haar", levels=n, rule=rule) for n in (6, 24))
+        assert many(q).isfinite().all() and few(q).shape == q.shape
+    with pytest.raises(ValueError, match="levels must be <= 12 for the rule 'bayes', got 13"):
+        LiftingDenoiser(levels=13, rule="bayes")
 
 
 @pytest.mark.parametrize("shrinkage", SHRINKAGES)

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
-__all__ = ["derivatives", "highest", "lowest", "numbers", "recorded", "visible"]
+__all__ = ["derivatives", "eager", "highest", "lowest", "numbers", "recorded", "visible"]
 
 _transforms_active = getattr(torch._C, "_are_functorch_transforms_active", lambda: True)
 
@@ -52,6 +52,9 @@ def numbers(rows: Tensor) -> list[float] | tuple[Tensor, ...]:
 
 def visible(x: Tensor) -> bool:
     """Whether a value may be looked at, and a program depend on it."""
-    if x.device.type != "cpu" or x.numel() == 0:
-        return False
+    return x.device.type == "cpu" and x.numel() > 0 and eager()
+
+
+def eager() -> bool:
+    """Whether Python runs the operations one by one, on any device."""
     return not (torch.compiler.is_compiling() or _transforms_active())

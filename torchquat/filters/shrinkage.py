@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from torchquat import so3, timeline
 from torchquat._checks import check_choice, check_count
-from torchquat._eager import visible
+from torchquat._eager import eager, visible
 from torchquat.filters._haar import haar_denoised
 from torchquat.filters._thresholds import (
     RULES,
@@ -30,6 +30,7 @@ __all__ = [
 ]
 
 DEFAULT_LEVELS = 4
+MOST_LEVELS = 12  # of a rule that finds thresholds: noise is followed through 16 * 2^L frames
 
 
 class LiftingDenoiser(nn.Module):
@@ -44,6 +45,9 @@ class LiftingDenoiser(nn.Module):
         learnable: Multiply the thresholds by factors that are learned, one per level, kept as
             logarithms (``log_scale``, coarsest first). Not for the rule ``"finest"``, which has
             no thresholds.
+
+    How a learned scheme passes noise on is measured again whenever its parameters have changed;
+    derivatives take it as given, and programs that were compiled or exported keep it.
     """
 
     log_scale: Tensor | None
@@ -73,14 +77,31 @@ class LiftingDenoiser(nn.Module):
         if learnable and self.rule == "finest":
             raise ValueError("learnable must be False for the rule 'finest': it has no thresholds.")
         self.log_scale = nn.Parameter(torch.zeros(levels)) if learnable else None
-        self.noise_gain = _noise_gain(self.transform, levels)
+        self.estimates = isinstance(rule, str) and rule != "finest"
+        if self.estimates and levels > MOST_LEVELS:
+            most = f"<= {MOST_LEVELS} for the rule {rule!r}"
+            raise ValueError(f"levels must be {most}, got {levels}.")
+        self.noise_gain: tuple[float, ...] = ()
+        self._measured_with: list[tuple[int, int]] | None = None
+        self._measure()
+
+    def _measure(self) -> None:
+        """How noise comes through, unless that is known."""
+        if not self.estimates or self.levels == 0:
+            return
+        learned = [p for p in self.transform.parameters() if not p.is_inference()]
+        state = [(id(parameter), parameter._version) for parameter in learned]
+        if state != self._measured_with:
+            self.noise_gain = _noise_gain(self.transform, self.levels)
+            self._measured_with = state
 
     def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
         """Filter unit quaternions ``(..., T, J, 4)``."""
         unit, confidence = timeline.prepare(q, weight)
         present = None if confidence is None else confidence > 0
-        estimated = isinstance(self.rule, str) and self.rule != "finest"
-        sigma = finest_noise(unit, present) if estimated else None
+        if eager():
+            self._measure()
+        sigma = finest_noise(unit, present) if self.estimates else None
         first = mean = self._spin(unit, present, sigma, 0)
         if self.cycle_spins > 1:
             step = torch.zeros_like(first[..., :3])
@@ -123,7 +144,8 @@ class LiftingDenoiser(nn.Module):
         """
         universal = self.rule == "universal" and sigma is not None
         fast = self.transform.is_haar and (universal or self.thresholds is not None)
-        if not fast or self.levels == 0 or not visible(q):
+        # in one go, a sequence is made as long as the coarsest detail
+        if not fast or self.levels == 0 or not visible(q) or 2**self.levels > 4 * q.shape[-3]:
             return None
         found: list[Tensor] = []
         frames = q.shape[-3]
@@ -192,8 +214,9 @@ def lifting_denoiser(
         weight: Confidence ``(..., T, J)``, >= 0; 0 marks a missing frame. Other values make no
             difference here.
         wavelet: As in :class:`LiftingTransform`.
-        levels: How many of the finest levels are shrunk, >= 0. ``None``: 4, which is noise slower
-            than 16 frames left alone, or one per given step.
+        levels: How many of the finest levels are shrunk, >= 0, and <= 12 where the rule finds the
+            thresholds. ``None``: 4, which is noise slower than 16 frames left alone, or one per
+            given step.
         rule: ``"universal"``, ``"sure"``, ``"bayes"``, each per level and joint; ``"finest"``: all
             details of these levels are set to 0, as in the paper; or the thresholds themselves
             [rad], one for all levels or one per level, coarsest first.
@@ -237,14 +260,15 @@ def _fixed(rule: Rule | float | Sequence[float], levels: int) -> tuple[float, ..
 def _noise_gain(transform: LiftingTransform, levels: int) -> tuple[float, ...]:
     """Standard deviation of each level's details for unit noise, coarsest first.
 
-    By linearising the transform at rest: the gradient of one detail in the middle of a signal.
+    By linearising the transform at rest: the gradient of one detail in the middle of a signal, of
+    as many signals as there are levels.
     """
     parameter = next(transform.parameters(), torch.zeros((), dtype=torch.float64, device="cpu"))
     frames = 16 * 2**levels
-    with torch.inference_mode(False), torch.enable_grad():
-        v = parameter.new_zeros(frames, 1, 3, requires_grad=True)
+    precise = torch.autocast(parameter.device.type, enabled=False)
+    with torch.inference_mode(False), torch.enable_grad(), precise:
+        v = parameter.new_zeros(levels, frames, 1, 3, requires_grad=True)
         details = transform(so3.exp(v)).details
-        gradients = (
-            torch.autograd.grad(d[d.shape[-3] // 2, 0, 0], v, retain_graph=True)[0] for d in details
-        )
-        return tuple(float(g.norm()) for g in gradients)
+        middle = [d[level, d.shape[-3] // 2, 0, 0] for level, d in enumerate(details)]
+        (gradient,) = torch.autograd.grad(torch.stack(middle).sum(), v)
+    return tuple(gradient.flatten(1).norm(dim=1).tolist())
