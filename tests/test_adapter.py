@@ -116,6 +116,21 @@ def test_an_estimator_that_flips_at_half_turns_comes_back_smooth():
     )
 
 
+def test_the_branch_is_that_of_the_first_present_frame(rng):
+    """Missing frames before it say nothing, whatever stands there."""
+    v = torch.tensor([5.5, 0.0, 0.0]) + 0.05 * torch.randn(8, 2, 3, generator=rng)
+    weight = torch.ones(8, 2)
+    weight[0, 0] = weight[:2, 1] = 0.0
+    run = RepresentationAdapter(FILTER, "rotvec")
+    expected = run(v, weight)
+    assert torch.allclose(expected[..., 0], torch.tensor(5.5), atol=0.3)
+    for garbage in ([torch.nan] * 3, [0.1, 0.0, 0.0], [18.0, 0.0, 0.0], [0.0, 0.0, 0.0]):
+        spoilt = torch.where(weight[..., None] > 0, v, torch.tensor(garbage))
+        assert torch.allclose(run(spoilt, weight), expected, atol=1e-5)
+    spoilt = torch.where(weight[..., None] > 0, v, torch.nan)
+    assert torch.allclose(run(spoilt), expected, atol=1e-5)
+
+
 def test_no_rotation_after_full_turns_keeps_the_axis():
     angle = torch.tensor([5.0, 2 * math.pi, 2 * math.pi, 7.0], dtype=torch.float64)
     q = torch.zeros(4, 1, 4, dtype=torch.float64)

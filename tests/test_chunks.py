@@ -5,7 +5,15 @@ import torch
 from filters_under_test import ALL
 from motions import smooth_motion
 
-from torchquat import AutoDenoiser, GaussianFilter, HampelFilter, OneEuroFilter, in_chunks, noise
+from torchquat import (
+    AutoDenoiser,
+    BilateralFilter,
+    GaussianFilter,
+    HampelFilter,
+    OneEuroFilter,
+    in_chunks,
+    noise,
+)
 from torchquat.chunks import window_of
 
 NEEDS_MORE = (
@@ -54,6 +62,11 @@ def test_pieces_are_bitwise_the_whole(name, frames, shaky, rng):
 def test_filters_that_need_more_are_refused(name, shaky):
     with pytest.raises((TypeError, ValueError), match=r"filter must see|boundary must|embedding"):
         in_chunks(ALL[name], shaky)
+
+
+def test_no_pass_at_all_fills_gaps_across_pieces(shaky, rng):
+    run, weight = BilateralFilter(iterations=0), gaps(rng)
+    assert torch.equal(in_chunks(run, shaky, weight, frames=9), run(shaky, weight))
 
 
 def test_B1_nothing_and_one_frame():

@@ -189,6 +189,15 @@ def exported(run, shortest, rng):
     return torch.export.export(run, (q,), dynamic_shapes=({0: batch, 1: length},)).module()
 
 
+def test_C4_forward_derivatives_are_the_backward_ones(run, rng):
+    """What is taken as given on the way back is taken as given on the way there."""
+    q = smooth_motion(frames=14, rng=rng, step=0.4)
+    step, seen = torch.randn(2, *q.shape, generator=rng, dtype=q.dtype).unbind(0)
+    _, along = torch.func.jvp(run, (q,), (step,))
+    _, back = torch.func.vjp(run, q)
+    assert torch.allclose((along * seen).sum(), (back(seen)[0] * step).sum(), rtol=1e-6, atol=1e-9)
+
+
 @pytest.mark.filterwarnings("ignore:.*get_attr.*:UserWarning")  # torch 2.6's own
 def test_C5_export_with_a_dynamic_batch_and_length(windowed, rng, request):
     """Known limit: an exported lifting scheme of L levels takes 8 * 2^L frames and more."""

@@ -42,6 +42,12 @@ def test_weights_broadcast(rng):
     assert torch.equal(run(q, lengths, weight), run(q, lengths, weight.expand(q.shape[:-1])))
 
 
+@pytest.mark.parametrize("shape", [(2, 0, 3, 4), (2, 5, 0, 4), (0, 5, 3, 4), (2, 0, 5, 3, 4)])
+def test_B1_nothing(shape):
+    lengths = torch.full(shape[:-3], shape[-3])
+    assert Ragged(GaussianFilter(1.0))(torch.zeros(shape), lengths).shape == shape
+
+
 def test_one_sequence_alone(rng):
     q = smooth_motion(frames=8, rng=rng)
     run = Ragged(GaussianFilter(1.0))

@@ -105,6 +105,14 @@ def test_long_gaps_hold_the_last_frame_and_then_end(rng):
     assert_same_rotation(result[12:28, 1], q[9:10, 1].expand(16, 4), 1e-12)
 
 
+@pytest.mark.parametrize("name", ["bilateral-never", "gaussian-alone"])
+def test_what_sees_its_own_frame_only_holds_the_last_one(name, rng):
+    q, weight = noisy(rng=rng, frames=9), torch.ones(9, 1, dtype=torch.float64)
+    weight[3:6] = 0.0
+    result = streamed(ONLINE[name][0], q, weight)
+    assert_same_rotation(result, q[[0, 1, 2, 2, 2, 2, 6, 7, 8]], 1e-12)
+
+
 def test_joints_that_nobody_has_seen_yet(rng):
     q = noisy(rng=rng)
     q[:25, 0] = torch.nan

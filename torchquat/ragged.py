@@ -42,7 +42,7 @@ class Ragged(nn.Module):
         check_signal(q, weight)
         _check_lengths(lengths, q)
         batch, frames = q.shape[:-3], q.shape[-3]
-        rows = q.reshape(-1, *q.shape[-3:])
+        rows = q.reshape(batch.numel(), *q.shape[-3:])
         trusts = None if weight is None else weight.expand(q.shape[:-1]).reshape(rows.shape[:-1])
         result = rows
         for length in torch.unique(lengths).tolist():

@@ -17,6 +17,17 @@ from torchquat._online.rules import plan
 __all__ = ["Stream", "StreamState"]
 
 
+class Layout(NamedTuple):
+    """What all frames of a stream have in common."""
+
+    shape: torch.Size
+    dtype: torch.dtype
+    device: torch.device
+
+    def __str__(self) -> str:
+        return f"{tuple(self.shape)} of {self.dtype} on {self.device}"
+
+
 @dataclass
 class StreamState:
     """All that a stream knows; of P people, however they were laid out.
@@ -25,11 +36,13 @@ class StreamState:
         age: Frames since each person's start ``(P,)``, counted up to the width of the window.
         given: The last ``latency + 1`` frames as they came, normalised, ``(4, P, latency + 1, J)``.
         memory: What the filter remembers, tensors too.
+        layout: Shape, dtype and device of a frame.
     """
 
     age: Tensor
     given: Tensor
     memory: CascadeMemory | EuroMemory | KalmanMemory
+    layout: Layout
 
 
 class Stream:
@@ -73,7 +86,6 @@ class Stream:
         self.filter = filter
         self._plan = plan(filter)
         self._state: StreamState | None = None
-        self._layout: _Layout | None = None
         self._machine: Cascade | OneEuro | Tracker | None = None
         self._ages = (0, 0)  # of the youngest and the oldest: a GPU would have to be waited for
 
@@ -120,20 +132,20 @@ class Stream:
             the filter; fewer where there were fewer; ``None`` where there were none. People who
             started later have NaN for what was before.
         """
-        state, layout = self._state, self._layout
+        state = self._state
         if state is None:
             return None
+        layout = state.layout
         due = min(self._ages[1], self.latency)
         out = state.given[:, :, :0]
         if isinstance(self._plan, Windowed) and isinstance(state.memory, CascadeMemory) and due:
             with torch.inference_mode():
                 out = at_the_end(self._plan, state.memory.passes[0], state.age, due)
                 out = nearer(out, state.given[:, :, 1 + self.latency - due :])
-        shape = out.shape[1::2] if layout is None else layout.shape[:-1]
-        dtype = out.dtype if layout is None else layout.dtype
         self.reset()
-        out = out.permute(1, 2, 3, 0).reshape(*shape[:-1], due, shape[-1], 4)
-        return out.to(dtype, copy=True)
+        *people, joints, _ = layout.shape
+        out = out.permute(1, 2, 3, 0).reshape(*people, due, joints, 4)
+        return out.to(layout.dtype, copy=True)
 
     def reset(self, people: int | slice | Tensor | None = None) -> None:
         """Start anew, as if nothing had come; frames that are still due are dropped.
@@ -145,38 +157,39 @@ class Stream:
         Raises:
             IndexError: If there is no such person.
         """
-        state, layout = self._state, self._layout
-        if people is None or state is None or layout is None:
+        state = self._state
+        if people is None or state is None:
             self.state = None
             return
+        layout = state.layout
         chosen = torch.zeros(layout.shape[:-2], dtype=torch.bool, device=layout.device)
         chosen[people] = True
         chosen = chosen.reshape(-1)
         age, memory = torch.where(chosen, 0, state.age), state.memory.forgotten(chosen)
-        self._set(StreamState(age, state.given, memory))
+        self._set(StreamState(age, state.given, memory, layout))
         if self._machine is not None:
             self._machine.doubt()
 
     def _set(self, state: StreamState | None) -> None:
         self._state = state
         if state is None:
-            self._layout, self._ages = None, (0, 0)
+            self._ages = (0, 0)
         elif state.age.numel():
             self._ages = (int(state.age.min()), int(state.age.max()))
 
     def _push(self, frame: Tensor, weight: Tensor | None) -> Tensor | None:
-        self._check_same(frame)
+        layout = self._checked(frame)
         people, latency, width = frame.shape[:-2].numel(), self.latency, self._plan.width
         work = frame.detach().reshape(people, *frame.shape[-2:])
         if weight is not None:
             weight = weight.expand(frame.shape[:-1]).reshape(people, -1)
         entering = entered(work.float() if frame.dtype.itemsize < 4 else work, weight)
-        machine, state = self._begun(entering)
+        machine, state = self._begun(entering, layout)
 
         settled = self._ages[0] >= width
         age = state.age if settled else (state.age + 1).clamp_(max=width)
         memory, out = machine.step(state.memory, entering, None if settled else age)
-        state = StreamState(age, _with_newest(state.given, entering), memory)
+        state = StreamState(age, _with_newest(state.given, entering), memory, layout)
         self._state = state
         youngest, oldest = self._ages = tuple(min(age + 1, width) for age in self._ages)
         if oldest <= latency:
@@ -186,15 +199,14 @@ class Stream:
         out = nearer(out, state.given[:, :, 0])
         return out.movedim(0, -1).reshape(frame.shape).to(frame.dtype)
 
-    def _check_same(self, frame: Tensor) -> None:
+    def _checked(self, frame: Tensor) -> Layout:
         """Raise unless a frame is like those before."""
-        layout = _Layout(frame.shape, frame.dtype, frame.device)
-        if self._layout is None:
-            self._layout = layout
-        if layout != self._layout:
-            raise ValueError(f"frame must be {self._layout} as before, got {layout}.")
+        layout = Layout(frame.shape, frame.dtype, frame.device)
+        if self._state is not None and layout != self._state.layout:
+            raise ValueError(f"frame must be {self._state.layout} as before, got {layout}.")
+        return layout
 
-    def _begun(self, entering: Entered) -> tuple[Any, StreamState]:
+    def _begun(self, entering: Entered, layout: Layout) -> tuple[Any, StreamState]:
         """What takes frames in, and the state before this one."""
         like = entering.q.movedim(0, -1)
         if self._state is None or self._machine is None:
@@ -202,19 +214,8 @@ class Stream:
         if self._state is None:
             given = entering.q[:, :, None].expand(-1, -1, self.latency + 1, -1)
             age = torch.zeros(len(like), dtype=torch.int64, device=like.device)
-            self._state = StreamState(age, given, self._machine.begin(entering))
+            self._state = StreamState(age, given, self._machine.begin(entering), layout)
         return self._machine, self._state
-
-
-class _Layout(NamedTuple):
-    """What all frames of a stream have in common."""
-
-    shape: torch.Size
-    dtype: torch.dtype
-    device: torch.device
-
-    def __str__(self) -> str:
-        return f"{tuple(self.shape)} of {self.dtype} on {self.device}"
 
 
 def _with_newest(given: Tensor, frame: Entered) -> Tensor:

@@ -102,14 +102,16 @@ def _savitzky_golay(filter: filters.SavitzkyGolayFilter) -> Windowed:
 
 
 def _bilateral(filter: filters.BilateralFilter) -> Windowed:
-    past, future = filter.radius, 0 if filter.causal else filter.radius
+    # no pass at all fills what is missing, too: as one that sees nothing but its own frame
+    past = filter.radius if filter.iterations else 0
+    future = 0 if filter.causal else past
 
     def centre(like: Tensor) -> Centre:
         sigma_t = per_joint("sigma_t", filter.sigma_t, like)
         sigma_g = per_joint("sigma_g", filter.sigma_g, like)
         return bilateral(past, future, sigma_t, sigma_g, filter.kernel == "gaussian", like)
 
-    return Windowed(past, future, centre, filter, filter.causal, filter.iterations)
+    return Windowed(past, future, centre, filter, filter.causal, max(filter.iterations, 1))
 
 
 def _nonlocal(filter: filters.NonLocalPoseMeans) -> Windowed:

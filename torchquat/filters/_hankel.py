@@ -52,7 +52,8 @@ def smoothed(
     known, seen = centred(cut(path, frame)), cut(x, frame)
     away = centred(seen)
     with torch.no_grad():
-        smoother = Smoother(*_in_parts(known + away, count, stack), frame)
+        whole = (known + away).detach()  # no_grad lets forward derivatives pass
+        smoother = Smoother(*_in_parts(whole, count, stack), frame)
     change = times(smoother.matrix, known + away) + (seen - away) - known
     return _blended(change, smoother, x.shape), smoother
 

@@ -59,7 +59,8 @@ def mixture(
     rho = rho.reshape(-1, 1)
     with torch.no_grad():
         path = in_units(path_of(motion), units)
-        move = _rough(away_from(motion, q, units), path, rho)
+        # no_grad lets forward derivatives pass
+        move = _rough(away_from(motion, q.detach(), units), path, rho)
         axes = main_axes(path + move)
         motion = so3.turn(motion, in_radians(move, units))
         path = in_units(path_of(motion), units)

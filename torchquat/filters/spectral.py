@@ -123,7 +123,9 @@ def _denoised(
         power = correlated_power(windows.basis, rho.reshape(-1, rho.shape[-1]))
     with torch.no_grad():
         path = path_of(motion) / units.scale
-        move = _over_windows(away_from(motion, q, units), path, windows, 3, power)
+        # no_grad lets forward derivatives pass
+        rough = away_from(motion, q.detach(), units)
+        move = _over_windows(rough, path, windows, 3, power)
         axes = main_axes(path + move)
         motion = so3.turn(motion, units.scale * move)
         path = path_of(motion) / units.scale

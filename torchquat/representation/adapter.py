@@ -5,6 +5,7 @@ import math
 import torch
 from torch import Tensor, nn
 
+from torchquat import missing
 from torchquat._checks import check_count
 from torchquat.representation.branch import continuous_rotvec
 from torchquat.representation.conversion import Form, check_rotations, form_of, read, write
@@ -17,7 +18,8 @@ class RepresentationAdapter(nn.Module):
 
     Rotation vectors come back without jumps, see
     :func:`~torchquat.representation.continuous_rotvec`: the first frame on the branch nearest to
-    that of the input, every other on the one nearest to the frame before. All other
+    that of the first present frame of the input, every other on the one nearest to the frame
+    before. All other
     representations come back as :func:`~torchquat.representation.convert` writes them. Missing
     rotations (see there) come back filled.
 
@@ -64,16 +66,24 @@ class RepresentationAdapter(nn.Module):
         if weight is not None and weight.is_floating_point() and weight.dtype == x.dtype:
             weight = weight.to(work.dtype)
         q, present = read(work, form)
-        q = self.filter(torch.where(present[..., None], q, torch.nan), weight)
+        q = torch.where(present[..., None], q, torch.nan)
+        result = self.filter(q, weight)
         if form.name == "rotvec":
-            result = continuous_rotvec(q, work[..., 0, :, :] if work.shape[-3] else None)
+            start = _first(work, missing.validity(q, weight)) if work.shape[-3] else None
+            result = continuous_rotvec(result, start)
         else:
-            result = write(q, torch.ones_like(present), form)
+            result = write(result, torch.ones_like(present), form)
         return result.to(x.dtype).reshape(x.shape)
 
     def extra_repr(self) -> str:
         """Settings, as ``repr`` shows them."""
         return f"{self.representation!r}, joints={self.joints}"
+
+
+def _first(x: Tensor, present: Tensor) -> Tensor:
+    """The first row of every joint that is present ``(..., J, 3)``; the first, if none is."""
+    frame = present.to(torch.uint8).argmax(-2, keepdim=True)[..., None]
+    return x.gather(-3, frame.expand(*frame.shape[:-1], 3)).squeeze(-3)
 
 
 def _split(x: Tensor, form: Form, joints: int | None) -> Tensor:
