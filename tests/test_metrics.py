@@ -26,6 +26,12 @@ def test_error_of_a_known_turn(rng):
     assert metrics.psnr(q, q) == torch.inf
 
 
+def test_the_root_of_no_error_has_a_derivative(rng):
+    q = random_rotations(7, 3, rng=rng).requires_grad_()
+    metrics.geodesic_rmse_deg(q, q.detach()).backward()
+    assert (q.grad == 0).all()
+
+
 def test_error_agrees_with_scipy(rng):
     a, b = random_rotations(9, 2, rng=rng), random_rotations(9, 2, rng=rng)
     between = Rotation.from_quat(a.reshape(-1, 4).numpy()).inv() * Rotation.from_quat(

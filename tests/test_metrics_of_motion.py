@@ -23,6 +23,33 @@ def beat(time):
     return 0.8 * np.exp(-(((time - 30.0) / 6.0) ** 2)) + 0.3 * np.sin(0.02 * time**1.5)
 
 
+@pytest.mark.parametrize("kind", [torch.float16, torch.bfloat16])
+def test_half_precision_is_computed_in_single(kind, rng):
+    """Sums of many small numbers, products of large ones, and what does not fit half at all."""
+    reference = smooth_motion(frames=3000, joints=4, rng=rng, step=0.4).to(kind)
+    q = smooth_motion(frames=3000, joints=4, rng=rng, step=0.4).to(kind)
+    exact, known = q.double(), reference.double()
+    root = torch.linspace(0.0, 5.0, 3000)[:, None].expand(-1, 3)
+    for measure in (
+        lambda q, r: metrics.mean_squared_error(q, r),
+        lambda q, r: metrics.psnr(q, r),
+        lambda q, r: metrics.lag(q, r),
+        lambda q, r: metrics.jitter(q, frame_rate=240.0),
+        lambda q, r: metrics.angular_acceleration(q, frame_rate=240.0).abs().max(),
+        lambda q, r: metrics.peak_speed_kept(q, r, quantile=0.99),
+        lambda q, r: metrics.range_of_motion_kept(q, r),
+        lambda q, r: metrics.mpjpe(q, r, LEG),
+        lambda q, r: metrics.foot_slide(q, LEG, root, feet=["Foot"], height=100.0),
+    ):
+        found, expected = measure(q, reference), measure(exact, known)
+        assert found.dtype == torch.float32
+        assert torch.allclose(found.double(), expected, rtol=1e-4)
+    _, places = LEG.forward_kinematics(q)
+    step = 4.0 * torch.finfo(kind).eps  # of numbers up to 16, half a step and a little
+    assert places.dtype == kind
+    assert (places.double() - LEG.forward_kinematics(exact)[1]).abs().max() < 1.01 * step
+
+
 @pytest.mark.parametrize("late", [-3.0, -0.4, 0.0, 0.25, 2.5, 7.0])
 def test_lag_of_a_motion_that_comes_late(late):
     time = np.arange(80.0) + 10.0

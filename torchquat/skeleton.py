@@ -62,7 +62,8 @@ class Skeleton:
         check_layout(q)
         if q.shape[-2] != len(self.names):
             raise ValueError(f"q must have {len(self.names)} joints, got {q.shape[-2]}.")
-        q = so3.normalize(q)
+        kind, work = q.dtype, q.float() if q.dtype.itemsize < 4 else q
+        q = so3.normalize(work)
         offsets = self.offsets.to(q)
         rotations: list[Tensor] = []
         positions: list[Tensor] = []
@@ -76,7 +77,7 @@ class Skeleton:
                 rotations.append(so3.compose(rotations[parent], local))
                 bone = so3.rotate(rotations[parent], offsets[joint])
                 positions.append(positions[parent] + bone)
-        return torch.stack(rotations, -2), torch.stack(positions, -2)
+        return torch.stack(rotations, -2).to(kind), torch.stack(positions, -2).to(kind)
 
     def tips(self, rotations: Tensor, positions: Tensor) -> Tensor:
         """Positions of the end sites.

@@ -8,7 +8,7 @@ from torch import Tensor
 from torchquat import so3
 from torchquat._checks import check_layout
 
-__all__ = ["check_pair", "geodesic_rmse_deg", "mean_squared_error", "psnr"]
+__all__ = ["check_pair", "geodesic_rmse_deg", "mean_squared_error", "psnr", "single"]
 
 
 def mean_squared_error(q: Tensor, reference: Tensor) -> Tensor:
@@ -19,7 +19,7 @@ def mean_squared_error(q: Tensor, reference: Tensor) -> Tensor:
         reference: Unit quaternions of the same shape.
 
     Returns:
-        One value [rad^2].
+        One value [rad^2]; of half precision, in single.
 
     Raises:
         TypeError: If an input is not a floating-point tensor.
@@ -28,14 +28,16 @@ def mean_squared_error(q: Tensor, reference: Tensor) -> Tensor:
     Reference:
         Courty, EUSIPCO 2008, section 5, with the rotation angle instead of its half.
     """
-    check_pair(q, reference)
+    q, reference = check_pair(q, reference)
     square = so3.squared_distance(so3.normalize(q), so3.normalize(reference))
     return square.sum() / max(square.numel(), 1)
 
 
 def geodesic_rmse_deg(q: Tensor, reference: Tensor) -> Tensor:
-    """Root of :func:`mean_squared_error`, in degrees."""
-    return torch.rad2deg(mean_squared_error(q, reference).sqrt())
+    """Root of :func:`mean_squared_error`, in degrees; of derivative 0 where that is 0."""
+    square = mean_squared_error(q, reference)
+    root = torch.where(square > 0, torch.where(square > 0, square, 1.0).sqrt(), square)
+    return torch.rad2deg(root)
 
 
 def psnr(q: Tensor, reference: Tensor) -> Tensor:
@@ -49,11 +51,22 @@ def psnr(q: Tensor, reference: Tensor) -> Tensor:
     return 10.0 * torch.log10(math.pi**2 / mean_squared_error(q, reference))
 
 
-def check_pair(q: Tensor, reference: Tensor) -> None:
-    """Raise unless both are quaternions ``(..., T, J, 4)`` of one shape."""
+def single(q: Tensor) -> Tensor:
+    """Quaternions in single precision at least: sums and speeds do not fit half."""
+    return q.float() if q.dtype.itemsize < 4 else q
+
+
+def check_pair(q: Tensor, reference: Tensor) -> tuple[Tensor, Tensor]:
+    """Both in single precision at least.
+
+    Raises:
+        TypeError: If one is not a floating-point tensor.
+        ValueError: Unless both are quaternions ``(..., T, J, 4)`` of one shape.
+    """
     check_layout(q)
     check_layout(reference, "reference")
     if q.shape != reference.shape:
         raise ValueError(
             f"reference must have the shape of q, {tuple(q.shape)}, got {tuple(reference.shape)}."
         )
+    return single(q), single(reference)

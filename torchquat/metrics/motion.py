@@ -5,7 +5,7 @@ from torch import Tensor
 
 from torchquat import so3
 from torchquat._checks import check_count, check_layout
-from torchquat.metrics.error import check_pair
+from torchquat.metrics.error import check_pair, single
 
 __all__ = [
     "angular_acceleration",
@@ -25,14 +25,14 @@ def angular_velocity(q: Tensor, *, frame_rate: float = 1.0) -> Tensor:
         frame_rate: Frames per second; 1 gives radians per frame.
 
     Returns:
-        Vectors ``(..., max(T - 1, 0), J, 3)`` [rad/s].
+        Vectors ``(..., max(T - 1, 0), J, 3)`` [rad/s]; of half precision, in single.
 
     Raises:
         TypeError: If ``q`` is not a floating-point tensor.
         ValueError: If ``q`` has another shape.
     """
     check_layout(q)
-    q = so3.normalize(q)
+    q = so3.normalize(single(q))
     return so3.between(q[..., :-1, :, :], q[..., 1:, :, :]) * frame_rate
 
 
@@ -76,7 +76,7 @@ def peak_speed_kept(q: Tensor, reference: Tensor, *, quantile: float = 1.0) -> T
         TypeError: If an input is not a floating-point tensor.
         ValueError: If the shapes differ or are not ``(..., T, J, 4)``.
     """
-    check_pair(q, reference)
+    q, reference = check_pair(q, reference)
     if q.shape[-3] < 2 or q.numel() == 0:
         return q.new_ones(())
     kept, all_of_it = (
@@ -102,7 +102,7 @@ def range_of_motion_kept(q: Tensor, reference: Tensor) -> Tensor:
         TypeError: If an input is not a floating-point tensor.
         ValueError: If the shapes differ or are not ``(..., T, J, 4)``.
     """
-    check_pair(q, reference)
+    q, reference = check_pair(q, reference)
     if q.numel() == 0:
         return q.new_ones(())
     kept, all_of_it = (_range(so3.normalize(each)).sum() for each in (q, reference))
@@ -134,7 +134,7 @@ def lag(q: Tensor, reference: Tensor, *, max_lag: int = 10) -> Tensor:
         TypeError: If an input is not a floating-point tensor.
         ValueError: If the shapes differ or are not ``(..., T, J, 4)``, or ``max_lag`` < 1.
     """
-    check_pair(q, reference)
+    q, reference = check_pair(q, reference)
     check_count("max_lag", max_lag, 1)
     steps = q.shape[-3] - 1
     reach = min(max_lag, steps // 4)

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from torchquat._checks import check_positive
-from torchquat.metrics.error import check_pair
+from torchquat._checks import check_layout, check_positive
+from torchquat.metrics.error import check_pair, single
 from torchquat.skeleton import Skeleton
 
 __all__ = ["acceleration_error", "foot_slide", "mpjpe"]
@@ -102,7 +102,8 @@ def foot_slide(
     check_positive("height", height)
     if up not in (0, 1, 2):
         raise ValueError(f"up must be 0, 1 or 2, got {up!r}.")
-    _, position = skeleton.forward_kinematics(q, root_position)
+    check_layout(q)
+    _, position = skeleton.forward_kinematics(single(q), root_position)
     foot = position[..., skeleton.index(feet), :]
     if foot.numel() == 0:
         return foot.new_zeros(())
@@ -117,7 +118,7 @@ def foot_slide(
 
 def _offset(q: Tensor, reference: Tensor, skeleton: Skeleton) -> Tensor:
     """From where the joints should be to where they are, ``(..., T, J, 3)``."""
-    check_pair(q, reference)
+    q, reference = check_pair(q, reference)
     _, position = skeleton.forward_kinematics(q)
     _, true = skeleton.forward_kinematics(reference)
     return position - true
