@@ -124,6 +124,15 @@ def test_defaults(name, rng):
     assert_same_rotation(function(q, weight, **needed), expected, 1e-5)
 
 
+@pytest.mark.parametrize("value", [0.0, -1.0, float("inf"), float("nan")])
+@pytest.mark.parametrize("name", ["gaussian", "bilateral", "nonlocal"])
+def test_A23_tensors_out_of_range_are_named_where_they_can_be_seen(name, value, rng):
+    _, function, given, _ = PAIRS[name]
+    key = next(key for key in given if key.startswith("sigma"))
+    with pytest.raises(ValueError, match=f"^{key} must be finite and > 0, got"):
+        function(*rough(rng), **{**given, key: torch.tensor([1.0, value, 1.0])})
+
+
 @pytest.mark.parametrize("name", [name for name in PAIRS if "learnable" in PAIRS[name].defaults])
 def test_learnable(name):
     module, _, given, _ = PAIRS[name]

@@ -6,6 +6,7 @@ import torch
 from motions import smooth_motion
 
 from torchquat import LiftingTransform, compress, salience, stored_share
+from torchquat.filters.lifting import Pyramid
 
 
 def split(batch, frames, levels, rng):
@@ -15,6 +16,15 @@ def split(batch, frames, levels, rng):
 
 def lengths(detail):
     return np.linalg.norm(detail.numpy(), axis=-1)
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.25, 0.5, 0.9, 1.0])
+def test_compression_keeps_its_share_of_equal_details(keep):
+    """Of a steady swing all details of a level are alike."""
+    detail = torch.ones(20, 1, 3, dtype=torch.float64)
+    pyramid = Pyramid(torch.zeros(20, 1, 4, dtype=torch.float64), (detail,))
+    kept = (compress(pyramid, keep).details[0] != 0).all(-1)
+    assert int(kept.sum()) == round(20 * keep)
 
 
 @pytest.mark.parametrize("batch", [(), (2,), (2, 3)])

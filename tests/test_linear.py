@@ -1,5 +1,7 @@
 """Lee and Shin's construction for any mask, against loops that share no code with it."""
 
+import copy
+
 import numpy as np
 import pytest
 import reference
@@ -161,6 +163,20 @@ def test_modules_are_their_functions(rng):
         module(q, weight), linear_filter(q, weight, mask=MASKS["asymmetric"], boundary="truncate")
     )
     assert "1.5" in repr(GaussianFilter(1.5)) and "reflect" in repr(LinearFilter([1.0]))
+
+
+def test_a_mask_that_is_loaded_may_look_ahead_where_the_first_did_not(rng):
+    q = smooth_motion(frames=12, rng=rng)
+    run, other = LinearFilter([1.0, 2.0, 0.0]), LinearFilter([1.0, 2.0, 3.0])
+    for module in (run, copy.deepcopy(run)):
+        module.load_state_dict(other.state_dict())
+        assert not module.causal and torch.equal(module(q), other(q))
+
+
+@pytest.mark.parametrize("mask", [[1e39, 1.0, 1.0], [1e-50, 1e-50, 1e-50]])
+def test_A23_masks_that_single_precision_does_not_hold(mask):
+    with pytest.raises(ValueError, match="mask must be finite with a sum > 0, got"):
+        LinearFilter(mask)
 
 
 def test_gradients_of_signal_weights_mask_and_bandwidth(rng):

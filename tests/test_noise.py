@@ -203,6 +203,8 @@ def test_flipped_signs(rng):
         (lambda q: noise.pops(q, 0.1, length=(0, 3)), ValueError, "length must be >= 1, got 0"),
         (lambda q: noise.dropout(q, length=(5, 3)), ValueError, "length must be >= 5, got 3"),
         (lambda q: noise.dropout(q, length=(5, 9.5)), TypeError, "length must be an integer, got"),
+        (lambda q: noise.gaussian(q, [0.1, 0.2, 0.3]), ValueError, "one for each of 2 joints, got"),
+        (lambda q: noise.pops(q[:, :1], [0.1, 0.2]), ValueError, "one for each of 1 joints, got"),
         (lambda q: noise.flip_signs(q, share=-1.0), ValueError, r"share must be in \[0, 1\], got"),
         (lambda q: noise.quantise(q, 0.0), ValueError, "step must be finite and > 0, got 0.0"),
         (lambda q: noise.quantise(q, 0.1, axes="XXZ"), ValueError, "axes must be one of XYZ, XZY"),

@@ -217,6 +217,17 @@ def test_alone_and_in_a_batch_to_the_same_bits(rng):
             assert torch.equal(repair(q[:, [joint]])[0], alone[0][:, [joint]])
 
 
+@pytest.mark.parametrize("sigma", [-0.1, float("nan"), float("inf"), [0.1, -0.1]])
+def test_A23_noise_out_of_range(sigma, rng):
+    with pytest.raises(ValueError, match="sigma must be finite and >= 0, got"):
+        repair(smooth_motion(frames=8, joints=2, rng=rng), sigma=sigma)
+
+
+def test_A23_noise_of_other_joints(rng):
+    with pytest.raises(ValueError, match="one for each of 2 joints, got"):
+        repair(smooth_motion(frames=8, joints=2, rng=rng), sigma=torch.tensor([0.1, 0.1, 0.1]))
+
+
 def test_gradients_flow_to_what_is_kept(rng):
     q = displaced(displaced(swaying(frames=48), 10, 11), 25, 32).requires_grad_()
     result, trust = repair(q)

@@ -208,6 +208,19 @@ def test_A11_all_zeros_are_missing(name):
     assert x.grad is not None and (x.grad == 0).all()
 
 
+def test_B10_autocast_leaves_derivatives_of_matrices_alone(rng):
+    """Products of matrices would have half their digits."""
+    q = random_rotations(9, 2, rng=rng, dtype=torch.float32)
+    m = convert(q, "quat_xyzw", "rotmat") + 0.05 * torch.randn(9, 2, 3, 3, generator=rng)
+    slopes = []
+    for enabled in (False, True):
+        own = m.clone().requires_grad_()
+        with torch.autocast("cpu", torch.bfloat16, enabled=enabled):
+            convert(own, "rotmat", "quat_xyzw")[..., 3].sum().backward()
+        slopes.append(own.grad)
+    assert torch.allclose(slopes[1], slopes[0], atol=1e-5)
+
+
 def test_quaternions_keep_their_numbers_and_the_same_name_returns_the_input():
     q = torch.tensor([[1.0, -2.0, 3.0, -4.0]])
     assert torch.equal(convert(q, "quat_xyzw", "quat_wxyz"), torch.tensor([[-4.0, 1.0, -2.0, 3.0]]))

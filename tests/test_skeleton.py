@@ -46,6 +46,22 @@ def test_batches_and_gradients(rng):
     assert torch.autograd.gradcheck(lambda q: skeleton.forward_kinematics(q)[1], (q,))
 
 
+def test_only_the_first_joint_is_moved_by_the_root(rng):
+    offsets = torch.tensor([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]]).double()
+    two = Skeleton(("a", "b", "c"), (-1, -1, 1), offsets)
+    q = random_rotations(5, 3, rng=rng)
+    root = torch.rand(5, 3, generator=rng, dtype=torch.float64)
+    _, places = two.forward_kinematics(q, root)
+    assert torch.equal(places[:, 0], root)
+    assert torch.equal(places[:, 1], offsets[1].expand(5, 3))
+
+
+def test_B1_no_joints():
+    none = Skeleton((), (), torch.zeros(0, 3).double())
+    rotations, places = none.forward_kinematics(torch.zeros(5, 0, 4))
+    assert rotations.shape == (5, 0, 4) and places.shape == (5, 0, 3)
+
+
 def test_indices_by_name():
     skeleton = Skeleton(NAMES, PARENTS, OFFSETS)
     assert skeleton.index(["leg", "hips"]) == [3, 0]

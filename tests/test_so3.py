@@ -151,6 +151,8 @@ def test_align_chooses_the_hemisphere(rng):
     aligned = so3.align(a, b)
     assert ((aligned * b).sum(-1) >= 0).all() and torch.equal(aligned.abs(), a.abs())
     assert torch.equal(so3.align(a, torch.zeros_like(a)), a)
+    for b in (a, torch.cat([a[:1], -a[1:]])):  # one for many: of one shape, whatever the signs
+        assert torch.equal(so3.align(a[0], b), so3.align(a[0].expand(20, 4), b))
 
 
 POINTS = {

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from torchquat._eager import visible
+
 __all__ = [
     "check_choice",
     "check_count",
@@ -72,13 +74,15 @@ def _check_weight(weight: Tensor, q: Tensor, name: str = "q", layout: str = "(..
 def check_positive(name: str, value: float | Sequence[float] | Tensor) -> None:
     """Raise unless ``value``, one number or one per joint, is finite and > 0.
 
-    Tensors are not read back, which would stall a GPU and break compilation.
+    Tensors are looked at where that costs nothing: not on a GPU, and not while compiling.
     """
     if isinstance(value, Tensor):
         if value.dim() > 1:
             raise ValueError(
                 f"{name} must be one value or one per joint, got {tuple(value.shape)}."
             )
+        if visible(value) and not bool((value.isfinite() & (value > 0)).all()):
+            raise ValueError(f"{name} must be finite and > 0, got {value.tolist()}.")
         return
     values = value if isinstance(value, Sequence) and not isinstance(value, str) else [value]
     for number in values:

@@ -49,7 +49,8 @@ class Skeleton:
 
         Args:
             q: Local rotations ``(..., T, J, 4)``, each in its parent's frame.
-            root_position: Positions of the root ``(..., T, 3)``; ``None``: its offset.
+            root_position: Positions of the first joint ``(..., T, 3)``; ``None``: its offset. Other
+                roots lie at their offsets.
 
         Returns:
             World rotations ``(..., T, J, 4)`` and positions ``(..., T, J, 3)``, in the unit of the
@@ -65,6 +66,8 @@ class Skeleton:
         kind, work = q.dtype, q.float() if q.dtype.itemsize < 4 else q
         q = so3.normalize(work)
         offsets = self.offsets.to(q)
+        if not self.parents:
+            return q.to(kind), q[..., :3].to(kind)
         rotations: list[Tensor] = []
         positions: list[Tensor] = []
         for joint, parent in enumerate(self.parents):
@@ -72,7 +75,8 @@ class Skeleton:
             if parent < 0:
                 rotations.append(local)
                 place = offsets[joint].expand(*local.shape[:-1], 3)
-                positions.append(place if root_position is None else root_position.to(q))
+                followed = root_position if joint == 0 else None
+                positions.append(place if followed is None else followed.to(q))
             else:
                 rotations.append(so3.compose(rotations[parent], local))
                 bone = so3.rotate(rotations[parent], offsets[joint])

@@ -112,7 +112,8 @@ def exp(v: Tensor) -> Tensor:
     """Unit quaternion of a rotation vector.
 
     Args:
-        v: Rotation vectors ``(..., 3)`` [rad]; any finite length.
+        v: Rotation vectors ``(..., 3)`` [rad], whose squared length is finite: up to 1e19 in single
+            precision. Angles are as good as the digits of the length.
 
     Returns:
         Unit quaternions ``(..., 4)``.
@@ -190,7 +191,7 @@ def turn(q: Tensor, v: Tensor) -> Tensor:
 
     Args:
         q: Unit quaternions ``(..., 4)``.
-        v: Rotation vectors ``(..., 3)`` [rad]; any finite length.
+        v: Rotation vectors ``(..., 3)`` [rad], of lengths as for :func:`exp`.
 
     Returns:
         Unit quaternions ``(..., 4)``, each in the hemisphere of its ``q``.
@@ -275,11 +276,11 @@ def align(q: Tensor, reference: Tensor) -> Tensor:
         reference: Quaternions ``(..., 4)``; a zero row leaves ``q`` as it is.
 
     Returns:
-        Quaternions ``(..., 4)``, the same rotations as ``q``.
+        Quaternions ``(..., 4)`` of the shape of both together, the same rotations as ``q``.
     """
     cosine = _planes.dot(q.detach().unbind(-1), reference.detach().unbind(-1))
     if lowest(cosine) >= 0:
-        return q
+        return q.expand(*cosine.shape, 4)
     return _planes.sign_of(cosine)[..., None] * q
 
 

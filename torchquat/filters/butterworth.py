@@ -11,6 +11,7 @@ __all__ = ["ButterworthFilter", "butterworth_filter"]
 
 TAIL = 1e-8
 """Share of the mask that may lie outside the window."""
+LONGEST = 2**22  # frames of a response, before what is next to nothing is cut off
 
 
 def butterworth_filter(
@@ -115,6 +116,12 @@ def zero_phase_mask(cutoff: float, order: int, frame_rate: float) -> list[float]
     # the slowest mode, at the cut-off or as far from half the frame rate, decays by e in less than
     # order / 4 of its periods: the response has decayed by e^80 where it wraps around
     size = 2 ** int(np.ceil(np.log2(80 * order / min(relative, 0.5 - relative))))
+    if size > LONGEST:
+        least = 80 * order / LONGEST * frame_rate
+        raise ValueError(
+            f"cutoff must lie {least:.2g} or more from 0 and from frame_rate / 2 = "
+            f"{frame_rate / 2:g} for order {order}, got {cutoff}."
+        )
     tangent = np.tan(np.pi * np.arange(size // 2 + 1) / size)
     # in logarithms: high powers of large ratios overflow
     with np.errstate(divide="ignore"):

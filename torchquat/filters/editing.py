@@ -40,9 +40,13 @@ def compress(pyramid: Pyramid, keep: float) -> Pyramid:
     dropped = total - round(keep * total)
     if dropped == 0:
         return pyramid
-    limit = everything.sort(-1).values[..., dropped - 1, None, None, None]
-    details = zip(pyramid.details, scaled, strict=True)
-    return Pyramid(pyramid.approx, tuple(torch.where(s > limit, d, 0.0) for d, s in details))
+    # by rank: equal ones are not all alike
+    largest = everything.sort(dim=-1, stable=True).indices[..., dropped:]
+    stays = torch.zeros_like(everything, dtype=torch.bool).scatter(-1, largest, True)
+    parts = stays.split([each.shape[-3:].numel() for each in scaled], -1)
+    details = zip(pyramid.details, scaled, parts, strict=True)
+    kept = (torch.where(part.reshape(each.shape), d, 0.0) for d, each, part in details)
+    return Pyramid(pyramid.approx, tuple(kept))
 
 
 def stored_share(pyramid: Pyramid) -> Tensor:

@@ -136,12 +136,13 @@ class LinearFilter(nn.Module):
     def __init__(self, mask: Sequence[float] | Tensor, *, boundary: Boundary = "reflect") -> None:
         super().__init__()
         check_choice("boundary", boundary, BOUNDARIES)
-        values = torch.as_tensor(mask, dtype=torch.float64).detach()
-        as_mask(values, values)
-        check_mask(values)
-        self.register_buffer("mask", values.float())
+        values = torch.as_tensor(mask, dtype=torch.float64).detach().float()
+        check_mask(as_mask(values, values))
+        self.register_buffer("mask", values)
         self.boundary: Boundary = boundary
-        self.causal = len(values) > 1 and not bool(values[len(values) // 2 + 1 :].any())
+        self.causal = False
+        _look_ahead(self)
+        self.register_load_state_dict_post_hook(_look_ahead)
 
     def forward(self, q: Tensor, weight: Tensor | None = None) -> Tensor:
         """Filter unit quaternions ``(..., T, J, 4)``."""
@@ -150,6 +151,12 @@ class LinearFilter(nn.Module):
     def extra_repr(self) -> str:
         """Mask and boundary."""
         return f"mask={self.mask.tolist()}, boundary={self.boundary!r}"
+
+
+def _look_ahead(module: LinearFilter, *_: object) -> None:
+    """Whether the mask does, which another that is loaded may."""
+    later = module.mask[len(module.mask) // 2 + 1 :]
+    module.causal = len(module.mask) > 1 and not bool(later.any())
 
 
 class GaussianFilter(nn.Module):

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from torchquat import missing, so3, timeline
+from torchquat._eager import visible
 from torchquat.filters._kriging import REACH, aligned, around, predict
 from torchquat.filters._outliers import find_outliers
 from torchquat.filters._pops import undone
@@ -51,7 +52,7 @@ def repair(
 
     Raises:
         TypeError: If ``q`` or ``weight`` is not a tensor of a fitting dtype.
-        ValueError: If a shape or device does not fit.
+        ValueError: If a shape or device does not fit, or ``sigma`` is out of range.
 
     Reference:
         Prediction: Matheron, "Principles of Geostatistics", Economic Geology 1963 (kriging).
@@ -59,6 +60,14 @@ def repair(
     prepared, confidence = timeline.prepare(q, weight)
     if sigma is not None:
         sigma = torch.as_tensor(sigma, dtype=prepared.dtype, device=prepared.device)
+        if sigma.dim() and sigma.shape[-1] not in (1, q.shape[-2]):
+            joints = q.shape[-2]
+            raise ValueError(
+                f"sigma must be one value or one for each of {joints} joints, "
+                f"got {tuple(sigma.shape)}."
+            )
+        if visible(sigma) and not bool((sigma.isfinite() & (sigma >= 0)).all()):
+            raise ValueError(f"sigma must be finite and >= 0, got {sigma.tolist()}.")
     result, trust = mended(prepared, confidence, sigma)
     return timeline.restore(result, prepared, q), trust.to(q.dtype)
 

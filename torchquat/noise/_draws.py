@@ -30,9 +30,14 @@ def turns(
     """Independent Gaussian rotation vectors ``(..., frames, J, 3)`` [rad], a frame of ``q`` each.
 
     Raises:
-        ValueError: If a ``sigma`` is negative or not finite.
+        ValueError: If a ``sigma`` is negative or not finite, or neither one nor one per joint.
     """
     scale = torch.as_tensor(sigma, dtype=q.dtype, device=q.device)
+    if scale.dim() and scale.shape[-1] not in (1, q.shape[-2]):
+        raise ValueError(
+            f"sigma must be one value or one for each of {q.shape[-2]} joints, "
+            f"got {tuple(scale.shape)}."
+        )
     if not bool((scale.isfinite() & (scale >= 0)).all()):
         raise ValueError(f"sigma must be finite and >= 0, got {sigma}.")
     frames = q.shape[-3] if frames is None else frames

@@ -46,7 +46,8 @@ def to_quaternion(m: Tensor) -> Tensor:
     q = q * _planes.sign_of(q[..., 3:])
     if not derivatives(m):
         return q
-    step = _newton_step(from_quaternion(q).mT @ m)
+    # sums, not products of matrices, which autocast would do in half precision, backward too
+    step = _newton_step((from_quaternion(q)[..., :, None] * m[..., None, :]).sum(-3))
     return so3.turn(q, step - step.detach())  # of no length: q is the solution already
 
 
@@ -133,4 +134,4 @@ def _newton_step(s: Tensor) -> Tensor:
     x, y, z = curvature.unbind(-1)
     yz, zx, xy = torch.linalg.cross(y, z), torch.linalg.cross(z, x), torch.linalg.cross(x, y)
     adjugate = torch.stack([yz, zx, xy], -2)
-    return (adjugate @ slope[..., None])[..., 0] / (x * yz).sum(-1, keepdim=True)
+    return (adjugate * slope[..., None, :]).sum(-1) / (x * yz).sum(-1, keepdim=True)
