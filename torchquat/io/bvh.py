@@ -65,15 +65,15 @@ class BvhSource:
         Euler solution nearest to the frame before.
 
         Raises:
-            ValueError: If the shape of the motion is not that of the file, or a rotation is
-                missing.
+            ValueError: If the shape of the motion is not that of the file, or a rotation of a joint
+                that changed is missing.
         """
         if motion.q.shape != self.q.shape:
             raise ValueError(
                 f"q must have shape {tuple(self.q.shape)}, got {tuple(motion.q.shape)}."
             )
         changed = (motion.q != self.q).any(-1).any(0).tolist()
-        columns, angles = solve_angles(self.joints, motion.q, self.values, changed)
+        columns, angles = solve_angles(self.joints, motion.q, motion.valid, self.values, changed)
         if not columns:
             return self.header + b"".join(self.rows)
         return self.header + b"".join(replace_columns(self.rows, columns, angles))
@@ -128,11 +128,15 @@ def new_bvh(motion: Motion) -> bytes:
     """A BVH file for a motion that came from elsewhere: rotations in the order Z, X, Y.
 
     Raises:
-        ValueError: If the motion has no skeleton, or a rotation is missing.
+        ValueError: If the motion has no skeleton, or a rotation or a position is missing.
     """
     skeleton = motion.skeleton
     if skeleton is None:
         raise ValueError("motion must have a skeleton to be written as BVH, got none.")
+    if motion.root_position is not None and not bool(motion.root_position.isfinite().all()):
+        raise ValueError(
+            "root_position must hold no missing position to be written, got some: fill them."
+        )
     order = _depth_first(skeleton.parents)
     joints = _new_joints(skeleton, order)
     values = np.zeros((len(motion.q), sum(len(joint.channels) for joint in joints)))
@@ -141,7 +145,9 @@ def new_bvh(motion: Motion) -> bytes:
             held = index > 0 or motion.root_position is None
             position = joint.offset if held else motion.root_position
             values[:, joint.columns("position")] = np.asarray(position)
-    columns, angles = solve_angles(joints, motion.q[:, order], values, [True] * len(joints))
+    columns, angles = solve_angles(
+        joints, motion.q[:, order], motion.valid[:, order], values, [True] * len(joints)
+    )
     values[:, columns] = angles
     end_sites = [(order.index(joint), offset) for joint, offset in skeleton.end_sites]
     header = [
