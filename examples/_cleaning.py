@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import torch
 from _batch import ESTIMATORS, Task
 from _command import one_line
 from _filter_config import FilterConfig
-from torch import nn
+from torch import Tensor, nn
 
 from torchquat import fill_missing, in_chunks, io, metrics
 from torchquat.chunks import window_of
@@ -136,7 +136,7 @@ def skip_finished(
 
 
 def denoise(motion: Motion, config: FilterConfig, device: str = "cpu") -> Motion:
-    """Filter all rotations; missing frames come back filled.
+    """Filter all rotations; missing frames come back filled, and so do positions of the root.
 
     Args:
         motion: Rotations with a frame rate, which times in the config are converted with.
@@ -144,17 +144,30 @@ def denoise(motion: Motion, config: FilterConfig, device: str = "cpu") -> Motion
         device: Where it runs.
 
     Returns:
-        The motion with other rotations. Joints that never move keep theirs to the last bit.
+        The motion with other rotations. Joints that never move keep theirs to the last bit. A root
+        that is nowhere at all stays so.
     """
     run = config.build(motion.frame_rate).to(device)
     q, weight = motion.q.to(device), None if motion.weight is None else motion.weight.to(device)
     with torch.inference_mode():
         # memory does not grow with the length where the window is known
         filtered = in_chunks(run, q, weight) if _sees_a_window(run) else run(q, weight)
-    still = (motion.q == motion.q[:1]).all(-1).all(0)
-    if motion.weight is not None:
-        still &= motion.valid.all(0)
-    return motion.with_rotations(torch.where(still[:, None], motion.q, filtered.cpu()))
+    still = (motion.q == motion.q[:1]).all(-1).all(0) & motion.valid.all(0)
+    done = motion.with_rotations(torch.where(still[:, None], motion.q, filtered.cpu()))
+    if motion.root_position is None:
+        return done
+    return replace(done, root_position=_without_gaps(motion.root_position))
+
+
+def _without_gaps(positions: Tensor) -> Tensor:
+    """Positions ``(T, 3)``: straight lines across missing frames, ends held."""
+    seen = positions.isfinite().all(-1)
+    if bool(seen.all()) or not bool(seen.any()):
+        return positions
+    frames, known = np.arange(len(positions)), seen.numpy()
+    columns = positions.numpy().T
+    drawn = [np.interp(frames, frames[known], column[known]) for column in columns]
+    return torch.where(seen[:, None], positions, torch.from_numpy(np.stack(drawn, -1)))
 
 
 def read(path: Path, options: Options) -> tuple[dict[str, Motion], io.Estimate | None]:
