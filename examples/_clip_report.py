@@ -74,14 +74,7 @@ def _skeletons(clip: Clip, before: Motion) -> str:
     from _clip_player import MOST, player  # viser takes a second to load
 
     step = -(-len(clip.before) // MOST)
-    played = player(
-        before.skeleton,
-        clip.before,
-        clip.after,
-        clip.repaired,
-        clip.frame_rate,
-        before.root_position,
-    )
+    played = player(before.skeleton, clip.before, clip.after, clip.repaired, clip.frame_rate)
     keys = "".join(
         f'<b class="key" style="background:{color}"></b>{what}'
         for color, what in (

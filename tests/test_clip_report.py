@@ -4,6 +4,7 @@ import builtins
 import re
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import denoise
@@ -71,6 +72,17 @@ def test_without_a_skeleton_there_is_no_player(clip, tmp_path):
     write_report(before, before.with_rotations(clean), tmp_path, "bare")
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "has no skeleton" in page and "iframe title" not in page
+
+
+def test_a_root_that_is_missing_for_a_while_hides_nothing(clip, tmp_path, monkeypatch):
+    before, clean = clip
+    root = torch.zeros(90, 3, dtype=torch.float64)
+    root[10:13] = torch.nan
+    before, drawn = replace(before, root_position=root), []
+    monkeypatch.setattr("_clip_player._recorded", lambda server, *sides: drawn.append(sides) or "")
+    write_report(before, before.with_rotations(clean), tmp_path, "gap")
+    ((first, second, _, _),) = drawn
+    assert first.isfinite().all() and second.isfinite().all()
 
 
 def test_long_clips_are_thinned(clip, tmp_path):
