@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from _batch import Task
-from _cleaning import DONE, FAILED, SKIPPED, STEPS, Options, Outcome, read
+from _cleaning import DONE, FAILED, SKIPPED, STEPS, Options, Outcome
+from _reading import read
 
 from torchquat import noise
 
@@ -25,7 +26,9 @@ def noise_line(tasks: Sequence[Task], options: Options) -> str | None:
     sizes, found = [], 0
     for task in looked_at:
         try:
-            motions, _ = read(task.source, options)
+            motions, _ = read(
+                task.source, frame_rate=options.frame_rate, trust_pickle=options.trust_pickle
+            )
         except Exception:  # said when its turn comes
             continue
         found += 1

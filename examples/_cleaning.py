@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from _batch import ESTIMATORS, Task
+from _batch import Task
 from _command import one_line
 from _filter_config import FilterConfig
+from _reading import read
 from torch import Tensor, nn
 
 from torchquat import fill_missing, in_chunks, io, metrics
@@ -29,7 +30,6 @@ __all__ = [
     "Outcome",
     "denoise",
     "process",
-    "read",
     "skip_finished",
     "warm_up",
 ]
@@ -170,23 +170,6 @@ def _without_gaps(positions: Tensor) -> Tensor:
     return torch.where(seen[:, None], positions, torch.from_numpy(np.stack(drawn, -1)))
 
 
-def read(path: Path, options: Options) -> tuple[dict[str, Motion], io.Estimate | None]:
-    """All motions of a file by name, one without a name unless it is an estimator's.
-
-    Raises:
-        ValueError: If it is not what its format promises.
-        OSError: If it cannot be read.
-    """
-    if not _is_estimate(path):
-        return {"": io.load(path)}, None
-    estimate = io.load_estimate(path, trust_pickle=options.trust_pickle)
-    if estimate.frame_rate is None:
-        estimate = io.load_estimate(
-            path, frame_rate=options.frame_rate, trust_pickle=options.trust_pickle
-        )
-    return {name: estimate.motion(name) for name in estimate.tracks}, estimate
-
-
 def _skipped(task: Task, options: Options) -> Outcome | None:
     if options.overwrite or not task.target.exists():
         return None
@@ -197,7 +180,9 @@ def _skipped(task: Task, options: Options) -> Outcome | None:
 def _cleaned(task: Task, options: Options) -> Outcome:
     seconds: dict[str, float] = {step: 0.0 for step in STEPS}
     with _timed(seconds, "read"):
-        before, estimate = read(task.source, options)
+        before, estimate = read(
+            task.source, frame_rate=options.frame_rate, trust_pickle=options.trust_pickle
+        )
     with _timed(seconds, "filter"):
         after = {
             name: denoise(motion, options.config, options.device) for name, motion in before.items()
@@ -255,18 +240,6 @@ def _sees_a_window(run: nn.Module) -> bool:
     except (TypeError, ValueError):
         return False
     return True
-
-
-def _is_estimate(path: Path) -> bool:
-    if path.suffix.lower() in ESTIMATORS:
-        return True
-    if path.suffix.lower() != ".npz":
-        return False
-    try:
-        with np.load(path) as archive:  # numbers only: a pickle in it is an error here
-            return {"global_orient", "body_pose"} <= set(archive.files)
-    except (ValueError, OSError, EOFError, KeyError):  # said better where it is read
-        return False
 
 
 def _figures(before: Motion, after: Motion) -> dict[str, Any]:

@@ -206,7 +206,8 @@ def _read_amass(archive: Archive) -> Motion:
     rates = [key for key in FRAME_RATES if key in archive.keys]
     if not rates:
         raise FormatError(
-            f"{archive.path}: expected {' or '.join(FRAME_RATES)}, got {archive.keys}"
+            f"{archive.path}: expected {' or '.join(FRAME_RATES)}, got {archive.keys}: "
+            "use io.load_estimate"
         )
     parts = {key: span for key, span in PARTS.get(width, {}).items() if key in archive.keys}
     for key, span in parts.items():
