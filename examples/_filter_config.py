@@ -137,16 +137,16 @@ def read_config(
 
 
 def find_config(name: str) -> Path:
-    """A file, or the preset of this name.
+    """The preset of this name, or a file: what happens to lie around does not hide a preset.
 
     Raises:
         ValueError: If there is neither.
     """
-    for path in (Path(name), CONFIGS / f"{name}.yaml"):
-        if path.exists():
-            return path
-    presets = ", ".join(sorted(path.stem for path in CONFIGS.glob("*.yaml")))
-    raise ValueError(f"{name}: expected a YAML file or one of {presets}")
+    presets = {path.stem: path for path in CONFIGS.glob("*.yaml")}
+    path = presets.get(name, Path(name))
+    if path.is_dir() or not path.exists():  # a pipe is as good as a file
+        raise ValueError(f"{name}: expected a YAML file or one of {', '.join(sorted(presets))}")
+    return path
 
 
 def shown(config: FilterConfig) -> str:

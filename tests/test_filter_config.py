@@ -1,0 +1,21 @@
+"""Filters by name and arguments: which file is meant, and values that make no filter."""
+
+from pathlib import Path
+
+import pytest
+from _filter_config import CONFIGS, find_config
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, Path.touch])
+def test_what_lies_around_does_not_hide_a_preset(make, folder):
+    make(folder / "gentle")
+    assert find_config("gentle") == CONFIGS / "gentle.yaml"
+
+
+def test_a_config_is_a_file_or_a_preset(folder):
+    (folder / "mine.yaml").touch()
+    (folder / "configs").mkdir()
+    assert find_config("mine.yaml") == Path("mine.yaml")
+    for name in ("configs", "nothing", "."):
+        with pytest.raises(ValueError, match=f"^{name}: expected a YAML file or one of bilateral,"):
+            find_config(name)
