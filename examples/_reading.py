@@ -1,6 +1,7 @@
 """What a file is read as: one motion, or all tracks of an estimator."""
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 from _batch import ESTIMATORS
@@ -30,7 +31,7 @@ def read(
         return {"": io.load(path)}, None
     estimate = io.load_estimate(path, trust_pickle=trust_pickle)
     if estimate.frame_rate is None:
-        estimate = io.load_estimate(path, frame_rate=frame_rate, trust_pickle=trust_pickle)
+        estimate = replace(estimate, frame_rate=frame_rate)
     return {name: estimate.motion(name) for name in estimate.tracks}, estimate
 
 
