@@ -2,6 +2,7 @@
 
 import importlib
 import math
+import re
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -106,10 +107,8 @@ def process(task: Task, options: Options) -> Outcome:
         return outcome
     try:
         return _cleaned(task, options)
-    except (ValueError, OSError) as error:
-        text = one_line(error)
     except Exception as error:  # a batch goes on, whatever one file does
-        text = f"{type(error).__name__}: {one_line(error)}"
+        text = _reason(error)
     return Outcome(task, FAILED, text if str(task.source) in text else f"{task.source}: {text}")
 
 
@@ -201,8 +200,8 @@ def _cleaned(task: Task, options: Options) -> Outcome:
     if options.report is not None:
         try:
             _report(task, before, after, options.report)
-        except (ValueError, OSError) as error:
-            raise ValueError(f"{task.source}: cleaned, but no report: {one_line(error)}") from None
+        except Exception as error:  # whatever it is, the file is there
+            raise ValueError(f"{task.source}: cleaned, but no report: {_reason(error)}") from None
     named = tuple({"track": name, **each} if name else each for name, each in figures.items())
     return Outcome(task, DONE, f"{task.source} -> {task.target}: {line}", named, seconds)
 
@@ -218,8 +217,19 @@ def _report(task: Task, before: dict[str, Motion], after: dict[str, Motion], fol
 
     for name in before:
         title = f"{task.source.name}, {name}" if name else task.source.name
-        place = folder / task.place / name if name else folder / task.place
-        write_report(before[name], after[name], place, title)
+        write_report(before[name], after[name], folder / task.place / _inside(name), title)
+
+
+def _inside(name: str) -> Path:
+    """A track's own folder, which its name cannot lead out of."""
+    parts = [re.sub(r"^\.+$|[:\0]", "_", part) or "_" for part in re.split(r"[/\\]", name)]
+    return Path(*parts) if name else Path()
+
+
+def _reason(error: Exception) -> str:
+    """What went wrong, in one line; its kind, where the text is not written to be read alone."""
+    known = isinstance(error, ValueError | OSError)
+    return one_line(error) if known else f"{type(error).__name__}: {one_line(error)}"
 
 
 def _written(value: Any) -> Any:
