@@ -186,13 +186,13 @@ def _read_plain(archive: Archive) -> Motion:
 def _read_skeleton(archive: Archive, names: Sequence[str]) -> Skeleton:
     end_sites = ()
     if "end_site_parents" in archive.keys:
-        joints = archive.array("end_site_parents").tolist()
+        joints = _whole_numbers(archive, "end_site_parents")
         places = _floats(archive, "end_site_offsets", 2).tolist()
         pairs = zip(joints, places, strict=True)
-        end_sites = tuple((int(joint), (x, y, z)) for joint, (x, y, z) in pairs)
+        end_sites = tuple((joint, (x, y, z)) for joint, (x, y, z) in pairs)
     return Skeleton(
         names=tuple(names),
-        parents=tuple(int(parent) for parent in archive.array("parents").tolist()),
+        parents=tuple(_whole_numbers(archive, "parents")),
         offsets=torch.from_numpy(_floats(archive, "offsets", 2).astype(np.float64)),
         end_sites=end_sites,
     )
@@ -257,6 +257,17 @@ def _floats(archive: Archive, key: str, dimensions: int) -> Anything:
             f"got {array.dtype} {array.shape}"
         )
     return array
+
+
+def _whole_numbers(archive: Archive, key: str) -> list[int]:
+    array = _get(archive, key)
+    fits = array.ndim == 1 and array.dtype.kind in "fiu" and bool(np.isfinite(array).all())
+    if not fits or (array != np.trunc(array)).any():
+        raise FormatError(
+            f"{archive.path}: {key}: expected one dimension of whole numbers, "
+            f"got {array.dtype} {array.shape}"
+        )
+    return [int(number) for number in array]
 
 
 def _number(archive: Archive, key: str) -> float:
