@@ -74,7 +74,7 @@ class FilterConfig:
                 arguments[key] = in_frames(key, value, frame_rate)
                 in_hertz = key in FREQUENCIES and _QUANTITY.fullmatch(str(value).strip())
                 if in_hertz and _has_unit(value) and "frame_rate" in parameters:
-                    arguments[key] *= float(given["frame_rate"])
+                    arguments[key] *= _number(given["frame_rate"])
             except ValueError as error:
                 raise ValueError(f"{self.origin}: filter.init_args.{key}: {error}") from None
             if arguments[key] is not value and "int" in str(parameters[key].annotation):
@@ -180,6 +180,13 @@ def in_frames(key: str, value: Any, frame_rate: float) -> Any:
         return number / frame_rate
     wanted = "in ms or s" if key in TIMES else "in Hz" if key in FREQUENCIES else "without a unit"
     raise ValueError(f"expected a number {wanted}, got {value!r}")
+
+
+def _number(frame_rate: Any) -> float:
+    try:
+        return float(frame_rate)
+    except (TypeError, ValueError):
+        raise ValueError(f"expected a number for frame_rate, got {frame_rate!r}") from None
 
 
 def _has_unit(value: Any) -> bool:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from _filter_config import CONFIGS, find_config
+from _filter_config import CONFIGS, FilterConfig, find_config
 
 
 @pytest.mark.parametrize("make", [Path.mkdir, Path.touch])
@@ -19,3 +19,10 @@ def test_a_config_is_a_file_or_a_preset(folder):
     for name in ("configs", "nothing", "."):
         with pytest.raises(ValueError, match=f"^{name}: expected a YAML file or one of bilateral,"):
             find_config(name)
+
+
+@pytest.mark.parametrize("rate", [[1], "fast", None])
+def test_A23_cut_offs_need_a_frame_rate_that_is_a_number(rate):
+    arguments = {"min_cutoff": "2Hz", "beta": 0.1, "frame_rate": rate}
+    with pytest.raises(ValueError, match="min_cutoff: expected a number for frame_rate"):
+        FilterConfig("torchquat.OneEuroFilter", arguments)
