@@ -1,6 +1,7 @@
 """Motions that BVH cannot hold: refused, so that whatever was written can be read."""
 
 from dataclasses import replace
+from itertools import product
 
 import pytest
 import torch
@@ -56,6 +57,26 @@ def test_only_joints_that_are_written_anew_need_be_complete(tmp_path, refused):
     refused(replace(before, q=so3.compose(before.q, turn), weight=gap), MISSING)
     io.save(replace(before, weight=gap), tmp_path / "out.bvh")
     assert (tmp_path / "out.bvh").read_bytes() == (tmp_path / "in.bvh").read_bytes()
+
+
+def test_D16_names_come_back_or_are_refused(motion, tmp_path):
+    """All short ones of letters that mean something in a BVH file, and of some that do not."""
+    skeleton = motion.skeleton
+    path, refused = tmp_path / "out.bvh", set()
+    for letters in (
+        letters for size in range(4) for letters in product(" \t\r\n{}a:", repeat=size)
+    ):
+        name = "".join(letters)
+        named = replace(skeleton, names=("hip", name, "arm"))
+        try:
+            io.save(replace(motion, names=named.names, skeleton=named), path)
+        except ValueError as error:
+            assert str(error).startswith("names must be of one line") and repr(name) in str(error)
+            refused.add(name)
+            continue
+        assert io.load(path).names == ("hip", name, "arm")
+    assert {"", " ", "}", "{", "a\n", "\na", "a\ra", " a", "a\t", "a }"} <= refused
+    assert not {"a", "a a", "a:a", "a{", "}}", "{a}", "a\ta"} & refused
 
 
 @pytest.mark.parametrize("value", [torch.nan, torch.inf])

@@ -128,7 +128,8 @@ def new_bvh(motion: Motion) -> bytes:
     """A BVH file for a motion that came from elsewhere: rotations in the order Z, X, Y.
 
     Raises:
-        ValueError: If the motion has no skeleton, or a rotation or a position is missing.
+        ValueError: If the motion has no skeleton, or a rotation or a position is missing, or a name
+            cannot be told from what stands around it: names are never replaced.
     """
     skeleton = motion.skeleton
     if skeleton is None:
@@ -137,6 +138,7 @@ def new_bvh(motion: Motion) -> bytes:
         raise ValueError(
             "root_position must hold no missing position to be written, got some: fill them."
         )
+    _check_names(skeleton.names)
     order = _depth_first(skeleton.parents)
     joints = _new_joints(skeleton, order)
     values = np.zeros((len(motion.q), sum(len(joint.channels) for joint in joints)))
@@ -159,6 +161,17 @@ def new_bvh(motion: Motion) -> bytes:
     ]
     text = "".join(f"{line}\n" for line in header).encode("utf-8", "surrogateescape")
     return text + b"".join(row + b"\n" for row in format_rows(values))
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """Raise for names that would not be read as they were written."""
+    for name in names:
+        words = re.split("[ \t]", name)
+        if re.search("[\r\n]", name) or not words[0] or words[-1] in ("", "{", "}"):
+            raise ValueError(
+                "names must be of one line, neither empty nor with white space around them or a "
+                f"brace for a last word, to be written, got {name!r}."
+            )
 
 
 def _depth_first(parents: Sequence[int]) -> list[int]:
