@@ -19,7 +19,10 @@ __all__ = ["FilterConfig", "filter_names", "find_config", "in_frames", "read_con
 CONFIGS = Path(__file__).parents[1] / "configs"
 
 TIMES = ("sigma_t", "radius", "patch_radius", "search_radius", "window")
-"""Arguments in frames: ``25ms`` and ``0.1s`` are converted with the frame rate of the file."""
+"""Arguments in frames: ``25ms`` and ``0.1s`` are converted with the frame rate of the file.
+
+Where whole frames are wanted, the nearest count is taken, but 1 at least for any time above 0.
+"""
 
 FREQUENCIES = ("cutoff", "min_cutoff", "d_cutoff")
 """Arguments in cycles per frame: ``6Hz`` is converted.
@@ -78,7 +81,9 @@ class FilterConfig:
             except ValueError as error:
                 raise ValueError(f"{self.origin}: filter.init_args.{key}: {error}") from None
             if arguments[key] is not value and "int" in str(parameters[key].annotation):
-                arguments[key] = round(arguments[key])
+                # a time too short for a frame is no wish for a filter that does nothing
+                is_short = key in TIMES and _has_unit(value) and 0 < arguments[key] < 1
+                arguments[key] = 1 if is_short else round(arguments[key])
         try:
             return self._class()(**arguments)
         except (TypeError, ValueError) as error:
