@@ -2,30 +2,38 @@
 
 import statistics
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 
-from _batch import Task
-from _cleaning import DONE, FAILED, SKIPPED, STEPS, Options, Outcome, read
+from _batch import PICKLES, Task
+from _cleaning import DONE, FAILED, SKIPPED, STEPS, Options, Outcome
+from _reading import read
 
 from torchquat import noise
 
 __all__ = ["noise_line", "planned", "summary"]
 
 LOOKED_AT = 3
+LARGEST = 64_000_000
+"""Bytes of a file that is looked at, unless it is the only one."""
 DEGREES = 57.29577951308232
 FRAMES = 1000
 """How much of a file is looked at."""
 
 
 def noise_line(tasks: Sequence[Task], options: Options) -> str | None:
-    """How large the noise of some of the files is, estimated; ``None`` if none can be read."""
-    step = max(-(-len(tasks) // LOOKED_AT), 1)
-    looked_at = list(tasks[::step])
+    """How large the noise of some of the files is, estimated; ``None`` if none can be read.
+
+    The work waits for it: of many files only some that are to be made and quick to read are looked
+    at.
+    """
     sizes, found = [], 0
-    for task in looked_at:
+    for task in _looked_at(tasks, options):
         try:
-            motions, _ = read(task.source, options)
+            motions, _ = read(
+                task.source, frame_rate=options.frame_rate, trust_pickle=options.trust_pickle
+            )
         except Exception:  # said when its turn comes
             continue
         found += 1
@@ -43,6 +51,26 @@ def noise_line(tasks: Sequence[Task], options: Options) -> str | None:
         f"noise of {where}, estimated: {half:.2g} degrees about each axis in the middle joint, "
         f"{low:.2g} to {high:.2g} in all"
     )
+
+
+def _looked_at(tasks: Sequence[Task], options: Options) -> Iterator[Task]:
+    """One file, or of many the first that will do in every part."""
+    if len(tasks) == 1:
+        yield tasks[0]
+        return
+    step = -(-len(tasks) // LOOKED_AT)
+    for start in range(0, len(tasks), step):
+        part = tasks[start : start + step]
+        yield from islice((task for task in part if _will_do(task, options)), 1)
+
+
+def _will_do(task: Task, options: Options) -> bool:
+    try:
+        if task.target.exists() and not options.overwrite:
+            return False
+        return task.source.suffix.lower() not in PICKLES and task.source.stat().st_size <= LARGEST
+    except OSError:  # said when its turn comes
+        return False
 
 
 def planned(tasks: Sequence[Task], options: Options) -> list[str]:

@@ -2,20 +2,22 @@
 
 import importlib
 import math
+import re
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from _batch import ESTIMATORS, Task
+from _batch import Task
 from _command import one_line
 from _filter_config import FilterConfig
-from torch import nn
+from _reading import read
+from torch import Tensor, nn
 
 from torchquat import fill_missing, in_chunks, io, metrics
 from torchquat.chunks import window_of
@@ -29,7 +31,6 @@ __all__ = [
     "Outcome",
     "denoise",
     "process",
-    "read",
     "skip_finished",
     "warm_up",
 ]
@@ -106,10 +107,8 @@ def process(task: Task, options: Options) -> Outcome:
         return outcome
     try:
         return _cleaned(task, options)
-    except (ValueError, OSError) as error:
-        text = one_line(error)
     except Exception as error:  # a batch goes on, whatever one file does
-        text = f"{type(error).__name__}: {one_line(error)}"
+        text = _reason(error)
     return Outcome(task, FAILED, text if str(task.source) in text else f"{task.source}: {text}")
 
 
@@ -136,7 +135,7 @@ def skip_finished(
 
 
 def denoise(motion: Motion, config: FilterConfig, device: str = "cpu") -> Motion:
-    """Filter all rotations; missing frames come back filled.
+    """Filter all rotations; missing frames come back filled, and so do positions of the root.
 
     Args:
         motion: Rotations with a frame rate, which times in the config are converted with.
@@ -144,34 +143,30 @@ def denoise(motion: Motion, config: FilterConfig, device: str = "cpu") -> Motion
         device: Where it runs.
 
     Returns:
-        The motion with other rotations. Joints that never move keep theirs to the last bit.
+        The motion with other rotations. Joints that never move keep theirs to the last bit. A root
+        that is nowhere at all stays so.
     """
     run = config.build(motion.frame_rate).to(device)
     q, weight = motion.q.to(device), None if motion.weight is None else motion.weight.to(device)
     with torch.inference_mode():
         # memory does not grow with the length where the window is known
         filtered = in_chunks(run, q, weight) if _sees_a_window(run) else run(q, weight)
-    still = (motion.q == motion.q[:1]).all(-1).all(0)
-    if motion.weight is not None:
-        still &= motion.valid.all(0)
-    return motion.with_rotations(torch.where(still[:, None], motion.q, filtered.cpu()))
+    still = (motion.q == motion.q[:1]).all(-1).all(0) & motion.valid.all(0)
+    done = motion.with_rotations(torch.where(still[:, None], motion.q, filtered.cpu()))
+    if motion.root_position is None:
+        return done
+    return replace(done, root_position=_without_gaps(motion.root_position))
 
 
-def read(path: Path, options: Options) -> tuple[dict[str, Motion], io.Estimate | None]:
-    """All motions of a file by name, one without a name unless it is an estimator's.
-
-    Raises:
-        ValueError: If it is not what its format promises.
-        OSError: If it cannot be read.
-    """
-    if not _is_estimate(path):
-        return {"": io.load(path)}, None
-    estimate = io.load_estimate(path, trust_pickle=options.trust_pickle)
-    if estimate.frame_rate is None:
-        estimate = io.load_estimate(
-            path, frame_rate=options.frame_rate, trust_pickle=options.trust_pickle
-        )
-    return {name: estimate.motion(name) for name in estimate.tracks}, estimate
+def _without_gaps(positions: Tensor) -> Tensor:
+    """Positions ``(T, 3)``: straight lines across missing frames, ends held."""
+    seen = positions.isfinite().all(-1)
+    if bool(seen.all()) or not bool(seen.any()):
+        return positions
+    frames, known = np.arange(len(positions)), seen.numpy()
+    columns = positions.numpy().T
+    drawn = [np.interp(frames, frames[known], column[known]) for column in columns]
+    return torch.where(seen[:, None], positions, torch.from_numpy(np.stack(drawn, -1)))
 
 
 def _skipped(task: Task, options: Options) -> Outcome | None:
@@ -184,7 +179,9 @@ def _skipped(task: Task, options: Options) -> Outcome | None:
 def _cleaned(task: Task, options: Options) -> Outcome:
     seconds: dict[str, float] = {step: 0.0 for step in STEPS}
     with _timed(seconds, "read"):
-        before, estimate = read(task.source, options)
+        before, estimate = read(
+            task.source, frame_rate=options.frame_rate, trust_pickle=options.trust_pickle
+        )
     with _timed(seconds, "filter"):
         after = {
             name: denoise(motion, options.config, options.device) for name, motion in before.items()
@@ -203,8 +200,8 @@ def _cleaned(task: Task, options: Options) -> Outcome:
     if options.report is not None:
         try:
             _report(task, before, after, options.report)
-        except (ValueError, OSError) as error:
-            raise ValueError(f"{task.source}: cleaned, but no report: {one_line(error)}") from None
+        except Exception as error:  # whatever it is, the file is there
+            raise ValueError(f"{task.source}: cleaned, but no report: {_reason(error)}") from None
     named = tuple({"track": name, **each} if name else each for name, each in figures.items())
     return Outcome(task, DONE, f"{task.source} -> {task.target}: {line}", named, seconds)
 
@@ -220,8 +217,19 @@ def _report(task: Task, before: dict[str, Motion], after: dict[str, Motion], fol
 
     for name in before:
         title = f"{task.source.name}, {name}" if name else task.source.name
-        place = folder / task.place / name if name else folder / task.place
-        write_report(before[name], after[name], place, title)
+        write_report(before[name], after[name], folder / task.place / _inside(name), title)
+
+
+def _inside(name: str) -> Path:
+    """A track's own folder, which its name cannot lead out of."""
+    parts = [re.sub(r"^\.+$|[:\0]", "_", part) or "_" for part in re.split(r"[/\\]", name)]
+    return Path(*parts) if name else Path()
+
+
+def _reason(error: Exception) -> str:
+    """What went wrong, in one line; its kind, where the text is not written to be read alone."""
+    known = isinstance(error, ValueError | OSError)
+    return one_line(error) if known else f"{type(error).__name__}: {one_line(error)}"
 
 
 def _written(value: Any) -> Any:
@@ -242,18 +250,6 @@ def _sees_a_window(run: nn.Module) -> bool:
     except (TypeError, ValueError):
         return False
     return True
-
-
-def _is_estimate(path: Path) -> bool:
-    if path.suffix.lower() in ESTIMATORS:
-        return True
-    if path.suffix.lower() != ".npz":
-        return False
-    try:
-        with np.load(path) as archive:  # numbers only: a pickle in it is an error here
-            return {"global_orient", "body_pose"} <= set(archive.files)
-    except (ValueError, OSError, EOFError, KeyError):  # said better where it is read
-        return False
 
 
 def _figures(before: Motion, after: Motion) -> dict[str, Any]:

@@ -31,9 +31,8 @@ def player(
     after: Tensor,
     repaired: Tensor,
     frame_rate: float,
-    root: Tensor | None = None,
 ) -> str:
-    """A page in which both motions are played.
+    """A page in which both motions are played, their roots in one place.
 
     Args:
         skeleton: Of both.
@@ -41,15 +40,12 @@ def player(
         after: The same, filtered.
         repaired: Whose bones are marked, booleans ``(T, J)``.
         frame_rate: Frames per second.
-        root: Positions of the root ``(T, 3)``: its height is shown, its way is not.
 
     Returns:
         HTML that loads nothing.
     """
     step = -(-len(before) // MOST)
-    first, second = (
-        bones(skeleton, q[::step], root if root is None else root[::step]) for q in (before, after)
-    )
+    first, second = (bones(skeleton, q[::step]) for q in (before, after))
     drawn = _upright(torch.cat([first, second]))
     first, second = drawn.split(len(first))
     marked = _marked(skeleton, repaired, step)
@@ -62,9 +58,9 @@ def player(
             server.stop()
 
 
-def bones(skeleton: Skeleton, q: Tensor, root: Tensor | None = None) -> Tensor:
-    """Both ends of every bone ``(T, bones, 2, 3)``, the root above one place."""
-    rotations, positions = skeleton.forward_kinematics(q, root)
+def bones(skeleton: Skeleton, q: Tensor) -> Tensor:
+    """Both ends of every bone ``(T, bones, 2, 3)``, seen from the root."""
+    rotations, positions = skeleton.forward_kinematics(q)
     parents = [parent for parent in skeleton.parents if parent >= 0]
     children = [joint for joint, parent in enumerate(skeleton.parents) if parent >= 0]
     made = torch.stack([positions[:, parents], positions[:, children]], 2)

@@ -69,19 +69,13 @@ def _page(clip: Clip, before: Motion, plots: list[Path], title: str) -> str:
 
 def _skeletons(clip: Clip, before: Motion) -> str:
     """The player, what its colours mean, and where something was repaired."""
-    if before.skeleton is None:
+    skeleton = before.skeleton
+    if skeleton is None or not (skeleton.end_sites or max(skeleton.parents, default=-1) >= 0):
         return "<p>The file has no skeleton that could be drawn.</p>"
     from _clip_player import MOST, player  # viser takes a second to load
 
     step = -(-len(clip.before) // MOST)
-    played = player(
-        before.skeleton,
-        clip.before,
-        clip.after,
-        clip.repaired,
-        clip.frame_rate,
-        before.root_position,
-    )
+    played = player(skeleton, clip.before, clip.after, clip.repaired, clip.frame_rate)
     keys = "".join(
         f'<b class="key" style="background:{color}"></b>{what}'
         for color, what in (

@@ -19,7 +19,10 @@ __all__ = ["FilterConfig", "filter_names", "find_config", "in_frames", "read_con
 CONFIGS = Path(__file__).parents[1] / "configs"
 
 TIMES = ("sigma_t", "radius", "patch_radius", "search_radius", "window")
-"""Arguments in frames: ``25ms`` and ``0.1s`` are converted with the frame rate of the file."""
+"""Arguments in frames: ``25ms`` and ``0.1s`` are converted with the frame rate of the file.
+
+Where whole frames are wanted, the nearest count is taken, but 1 at least for any time above 0.
+"""
 
 FREQUENCIES = ("cutoff", "min_cutoff", "d_cutoff")
 """Arguments in cycles per frame: ``6Hz`` is converted.
@@ -74,11 +77,13 @@ class FilterConfig:
                 arguments[key] = in_frames(key, value, frame_rate)
                 in_hertz = key in FREQUENCIES and _QUANTITY.fullmatch(str(value).strip())
                 if in_hertz and _has_unit(value) and "frame_rate" in parameters:
-                    arguments[key] *= float(given["frame_rate"])
+                    arguments[key] *= _number(given["frame_rate"])
             except ValueError as error:
                 raise ValueError(f"{self.origin}: filter.init_args.{key}: {error}") from None
             if arguments[key] is not value and "int" in str(parameters[key].annotation):
-                arguments[key] = round(arguments[key])
+                # a time too short for a frame is no wish for a filter that does nothing
+                is_short = key in TIMES and _has_unit(value) and 0 < arguments[key] < 1
+                arguments[key] = 1 if is_short else round(arguments[key])
         try:
             return self._class()(**arguments)
         except (TypeError, ValueError) as error:
@@ -137,16 +142,16 @@ def read_config(
 
 
 def find_config(name: str) -> Path:
-    """A file, or the preset of this name.
+    """The preset of this name, or a file: what happens to lie around does not hide a preset.
 
     Raises:
         ValueError: If there is neither.
     """
-    for path in (Path(name), CONFIGS / f"{name}.yaml"):
-        if path.exists():
-            return path
-    presets = ", ".join(sorted(path.stem for path in CONFIGS.glob("*.yaml")))
-    raise ValueError(f"{name}: expected a YAML file or one of {presets}")
+    presets = {path.stem: path for path in CONFIGS.glob("*.yaml")}
+    path = presets.get(name, Path(name))
+    if path.is_dir() or not path.exists():  # a pipe is as good as a file
+        raise ValueError(f"{name}: expected a YAML file or one of {', '.join(sorted(presets))}")
+    return path
 
 
 def shown(config: FilterConfig) -> str:
@@ -180,6 +185,13 @@ def in_frames(key: str, value: Any, frame_rate: float) -> Any:
         return number / frame_rate
     wanted = "in ms or s" if key in TIMES else "in Hz" if key in FREQUENCIES else "without a unit"
     raise ValueError(f"expected a number {wanted}, got {value!r}")
+
+
+def _number(frame_rate: Any) -> float:
+    try:
+        return float(frame_rate)
+    except (TypeError, ValueError):
+        raise ValueError(f"expected a number for frame_rate, got {frame_rate!r}") from None
 
 
 def _has_unit(value: Any) -> bool:

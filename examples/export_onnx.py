@@ -9,6 +9,7 @@ gives as many; missing frames (NaN, zeros) come back filled. Needs the extra ``o
 
 import io
 import logging
+import math
 import re
 import sys
 import warnings
@@ -104,6 +105,8 @@ def _motion(batch: int, frames: int, joints: int, rng: torch.Generator) -> Tenso
 def _export(arguments: jsonargparse.Namespace) -> int:
     if arguments.joints < 1:
         raise ValueError(f"joints must be >= 1, got {arguments.joints}.")
+    if not 0 < arguments.frame_rate < math.inf:
+        raise ValueError(f"frame_rate must be finite and > 0, got {arguments.frame_rate}.")
     chosen = arguments.filter
     config = read_config(arguments.config, chosen.class_path, chosen.init_args)
     filtering = config.build(arguments.frame_rate).float()

@@ -9,6 +9,7 @@ BVH has no missing frames, so there they are filled.
 
 import sys
 import zipfile
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -209,16 +210,21 @@ def _unit(v: Tensor) -> Tensor:
 def _read(path: Path, key: str) -> tuple[Tensor, float]:
     """Landmarks and frame rate of an npz file."""
     try:
-        file = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, zipfile.BadZipFile):
-        file = None
-    if not isinstance(file, np.lib.npyio.NpzFile):
-        raise ValueError(f"{path}: expected an npz archive")
-    with file:
-        for wanted in (key, "fps"):
-            if wanted not in file.files:
-                raise ValueError(f"{path}: expected the key {wanted!r}, got {file.files}")
-        return torch.from_numpy(file[key]), float(file["fps"])
+        with path.open("rb") as stream:
+            file = np.load(stream, allow_pickle=False)
+            if not isinstance(file, np.lib.npyio.NpzFile):
+                raise ValueError("one array")
+            arrays = {wanted: file[wanted] for wanted in (key, "fps") if wanted in file.files}
+    except (ValueError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+        raise ValueError(f"{path}: expected an npz archive, got {error}") from None
+    for wanted in (key, "fps"):
+        if wanted not in arrays:
+            raise ValueError(f"{path}: expected the key {wanted!r}, got {file.files}")
+        if arrays[wanted].dtype.kind not in "fiu":
+            raise ValueError(f"{path}: {wanted}: expected numbers, got {arrays[wanted].dtype}")
+    if arrays["fps"].size != 1:
+        raise ValueError(f"{path}: fps: expected one number, got {arrays['fps'].shape}")
+    return torch.from_numpy(arrays[key].astype(np.float64)), float(arrays["fps"].reshape(-1)[0])
 
 
 def _convert(arguments: jsonargparse.Namespace) -> int:

@@ -174,6 +174,8 @@ def _live(arguments: jsonargparse.Namespace) -> int:
 
 def _joint(motion: Motion, name: str | None) -> int:
     """Number of a joint; of the one that turns most where none is named."""
+    if name is None and len(motion.q) == 1:
+        return 0  # nothing turns in one frame
     if name is None:
         filled = fill_missing(motion.q, motion.weight)
         return int(so3.distance(filled[:-1], filled[1:]).median(0).values.argmax())

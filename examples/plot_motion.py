@@ -88,7 +88,8 @@ def draw_speed(ax: Axes, before: Motion, after: Motion, index: int) -> None:
 def draw_figures(ax: Axes, motion: Motion, frames: range, color: str, index: int) -> None:
     """Stick figures side by side, seen from the front, and the path of one bone's end."""
     ends, bones = _points(motion)
-    height = float(bones[..., 1].max() - bones[..., 1].min())
+    drawn = torch.cat([ends, bones.flatten(1, 2)], 1)[..., 1]
+    height = float(drawn.max() - drawn.min())
     for place, frame in enumerate(frames):
         shift = bones.new_tensor([0.55 * height * place, 0.0])
         lines = bones[frame, :, :, :2] + shift
@@ -115,7 +116,8 @@ def _points(motion: Motion) -> tuple[Tensor, Tensor]:
     for tip, (joint, _) in enumerate(skeleton.end_sites):
         ends[:, joint] = tips[:, tip]
         bones.append(torch.stack([positions[:, joint], tips[:, tip]], -2))
-    return ends, torch.stack(bones, 1)
+    made = torch.stack(bones, 1) if bones else positions[:, :0, None].expand(-1, -1, 2, -1)
+    return ends, made
 
 
 def _plot(arguments: jsonargparse.Namespace) -> int:

@@ -23,6 +23,7 @@ from motions import IDENTITY, assert_same_rotation, numpy_of
 
 from torchquat import io, so3
 from torchquat.io import FormatError
+from torchquat.io.bvh import read_bvh
 
 ROWS = ["10 20 30", "11 21 31", "12 22 32"]
 
@@ -123,6 +124,9 @@ def test_D7_counts_that_differ(count, refused, read, tmp_path):
         motion = read(text, lenient=True)
     io.save(motion, tmp_path / "counted.bvh")
     assert (tmp_path / "counted.bvh").read_text() == one_joint(*ROWS)
+    (tmp_path / "strict.bvh").write_text(text)
+    with pytest.raises(FormatError, match=f"expected {count} rows of motion, got 3"):
+        read_bvh(tmp_path / "strict.bvh")  # nobody asked for leniency
 
 
 @pytest.mark.parametrize("count", ["-1", "x", "2.0", "", "1 2"])

@@ -4,6 +4,7 @@ import builtins
 import re
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import denoise
@@ -13,6 +14,7 @@ import torch
 from _clip_plots import looked_at, stretches
 from _clip_report import write_report
 from browser import opened
+from make_estimates import wham
 from motions import smooth_motion
 
 from torchquat import Skeleton, gaussian_filter, noise
@@ -73,6 +75,26 @@ def test_without_a_skeleton_there_is_no_player(clip, tmp_path):
     assert "has no skeleton" in page and "iframe title" not in page
 
 
+def test_one_joint_has_no_bones(clip, tmp_path):
+    before, clean = clip
+    one = Skeleton(("a",), (-1,), torch.zeros(1, 3, dtype=torch.float64))
+    before = Motion(before.q[:, :1], 30.0, ("a",), one)
+    write_report(before, before.with_rotations(clean[:, :1]), tmp_path, "one")
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "has no skeleton that could be drawn" in page
+
+
+def test_a_root_that_is_missing_for_a_while_hides_nothing(clip, tmp_path, monkeypatch):
+    before, clean = clip
+    root = torch.zeros(90, 3, dtype=torch.float64)
+    root[10:13] = torch.nan
+    before, drawn = replace(before, root_position=root), []
+    monkeypatch.setattr("_clip_player._recorded", lambda server, *sides: drawn.append(sides) or "")
+    write_report(before, before.with_rotations(clean), tmp_path, "gap")
+    ((first, second, _, _),) = drawn
+    assert first.isfinite().all() and second.isfinite().all()
+
+
 def test_long_clips_are_thinned(clip, tmp_path):
     before, clean = clip
     long = Motion(before.q.repeat(50, 1, 1), 30.0, before.names, before.skeleton)
@@ -108,6 +130,38 @@ def test_the_command_line_writes_reports(tmp_path, capsys):
     arguments = [str(DEMO), "--output", str(tmp_path / "out"), "--report", str(tmp_path / "seen")]
     assert denoise.main(arguments) == 0
     assert (tmp_path / "seen" / DEMO.name / "index.html").exists()
+    capsys.readouterr()
+
+
+def test_whatever_is_wrong_with_a_report_the_file_is_cleaned(tmp_path, capsys, monkeypatch):
+    def broken(*_):
+        raise IndexError("amax():\nno axis")
+
+    monkeypatch.setattr("_clip_report.write_report", broken)
+    out = tmp_path / "out.npz"
+    assert denoise.main([str(DEMO), "--output", str(out), "--report", str(tmp_path / "seen")]) == 1
+    said = capsys.readouterr().err
+    assert f"error: {DEMO}: cleaned, but no report: IndexError: amax(): no axis\n" in said
+    assert out.exists()
+
+
+def test_names_of_people_stay_in_the_folder_of_reports(joblib, tmp_path, capsys, monkeypatch):
+    places = []
+    monkeypatch.setattr(
+        "_clip_report.write_report", lambda before, after, place, title: places.append(place)
+    )
+    first, second = wham().values()
+    people = {"../../x": first, f"{tmp_path}/abs": first, "C:\\x": first, "": first, 7: second}
+    joblib.dump(people, tmp_path / "in.pkl")
+    arguments = [str(tmp_path / "in.pkl"), "--output", str(tmp_path / "out.pkl")]
+    arguments += ["--trust_pickle", "true", "--report", str(tmp_path / "seen")]
+    assert denoise.main([*arguments, "--config", "gentle"]) == 0
+    folder = tmp_path / "seen" / "out.pkl"
+    assert len(set(places)) == len(places) == 10
+    for place in places:
+        assert place.resolve().is_relative_to(folder), place
+    assert folder / "7" / "pose" in places
+    assert {folder / "_" / "_" / "x" / "pose", folder / "C_" / "x" / "pose"} <= set(places)
     capsys.readouterr()
 
 

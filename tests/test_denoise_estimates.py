@@ -4,7 +4,7 @@ import denoise
 import numpy as np
 import pytest
 import torch
-from make_estimates import gvhmr
+from make_estimates import amass, gvhmr
 from make_estimates import main as write_all
 from motions import assert_same_rotation
 
@@ -66,3 +66,30 @@ def test_D_a_wrong_key_is_one_line(tmp_path, capsys):
 def test_A23_a_frame_rate_is_positive(rate, folder, tmp_path, capsys):
     assert run(folder, "--output", tmp_path, "--frame_rate", rate) == 1
     assert "frame_rate must be finite and > 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("stored", "used"), [({}, 50.0), ({"fps": 25.0}, 25.0)])
+def test_poses_without_the_frame_rate_of_amass(stored, used, tmp_path, capsys):
+    """It is that of the key fps, else that of the command line: times are converted with it."""
+    poses = amass()["poses"][:, :72]
+    np.savez(tmp_path / "in.npz", poses=poses, **stored)
+    config = ("--filter.class_path", "GaussianFilter", "--filter.init_args.sigma_t", "40ms")
+    out = tmp_path / "out.npz"
+    assert run(tmp_path / "in.npz", "--output", out, *config, "--frame_rate", "50") == 0
+    assert ": SMPL; poses: 12 frames" in capsys.readouterr().out
+    track = io.load_estimate(tmp_path / "in.npz").track()
+    expected = GaussianFilter(0.04 * used)(track.q)
+    assert_same_rotation(io.load_estimate(out).track().q, expected, 1e-6)
+
+
+def test_poses_of_amass_keep_their_own_frame_rate(tmp_path, capsys):
+    np.savez(tmp_path / "in.npz", **amass())
+    assert run(tmp_path / "in.npz", "--output", tmp_path / "out.npz", "--frame_rate", "7") == 0
+    assert "SMPL" not in capsys.readouterr().out
+
+
+def test_E4_a_truncated_archive_is_what_its_reader_says(tmp_path, capsys):
+    np.savez(tmp_path / "in.npz", **amass())
+    (tmp_path / "in.npz").write_bytes((tmp_path / "in.npz").read_bytes()[:2000])
+    assert run(tmp_path / "in.npz", "--output", tmp_path / "out.npz") == 1
+    assert "in.npz: expected an npz archive, got File is not a zip" in capsys.readouterr().err

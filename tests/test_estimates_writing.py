@@ -1,6 +1,9 @@
 """Estimators' files written back: nothing but rotations changes, translations on request."""
 
 import collections
+import pickle
+import zlib
+from typing import NamedTuple
 
 import make_estimates as made
 import numpy as np
@@ -163,3 +166,51 @@ def test_io_load_of_an_npz_with_one_key_a_part_says_what_reads_it(folder):
     path = write(folder / "smpl.npz", made.smpl())
     with pytest.raises(FormatError, match=r"'body_pose'.*: use io\.load_estimate"):
         io.load(path)
+
+
+@pytest.mark.parametrize("protocol", range(6))
+def test_a_plain_pickle_stays_one(protocol, folder, joblib):
+    """Whoever wrote it reads it with Python's own module, and may not have joblib."""
+    path = folder / "wham_output.pkl"
+    path.write_bytes(pickle.dumps(made.wham(), protocol))
+    io.save_estimate(turned(load(path)), path)
+    after = pickle.loads(path.read_bytes())
+    leaves = {leaf[-1] for leaf in changed(made.wham(), after)}
+    assert leaves == {"pose", "pose_world"}
+    assert path.read_bytes()[:2] == bytes([0x80, protocol]) or protocol < 2
+
+
+@pytest.mark.parametrize("options", [{}, {"protocol": 2}, {"protocol": 5}, {"compress": 3}])
+def test_what_joblib_wrote_stays_its_own(options, folder, joblib):
+    """Arrays lie beside the pickle: not all pickled anew, and mapped from the disk by some."""
+    path = write(folder / "wham_output.pkl", made.wham(), **options)
+    io.save_estimate(turned(load(path)), path)
+    content = path.read_bytes() if "compress" not in options else zlib.decompress(path.read_bytes())
+    assert b"NumpyArrayWrapper" in content
+
+
+class Pair(NamedTuple):
+    """Two entries, as some programs return them."""
+
+    first: object
+    second: object
+
+
+def test_people_may_be_listed_in_tuples(folder, joblib):
+    tree = made.phalp()
+    for frame in tree.values():
+        for key in ("smpl", "camera", "tid"):
+            frame[key] = Pair(*frame[key]) if len(frame[key]) == 2 else tuple(frame[key])
+    path = write(folder / "demo_clip.pkl", tree)
+    estimate = turned(load(path))
+    moved = {name: track.translation + 1.0 for name, track in estimate.tracks.items()}
+    io.save_estimate(estimate.with_translations(moved), path)
+    after = tree_of(path)
+    kinds = [[type(frame[key]) for key in ("smpl", "camera", "tid")] for frame in after.values()]
+    assert kinds == [
+        [type(frame[key]) for key in ("smpl", "camera", "tid")] for frame in tree.values()
+    ]
+    assert {Pair, tuple} == {kind for each in kinds for kind in each}
+    for name, track in load(path).tracks.items():
+        seen = track.weight[:, 0] > 0
+        assert_same_rotation(track.q[seen], estimate.tracks[name].q[seen], 2e-6)

@@ -72,6 +72,16 @@ def test_plot_needs_the_same_joints(tmp_path, capsys):
     assert "same joints and frames" in capsys.readouterr().err
 
 
+def test_plot_of_one_joint(tmp_path, capsys):
+    """Without an end site there is no bone: only its speed is drawn."""
+    path, out = tmp_path / "one.bvh", tmp_path / "x.png"
+    path.write_text(one_joint("1 2 3", "2 3 4", "3 4 5", "4 5 6", "5 6 7"))
+    arguments = [str(path), str(path), "--output", str(out), "--joint", "hip"]
+    assert plot_motion.main(arguments) == 0
+    assert out.read_bytes().startswith(b"\x89PNG")
+    capsys.readouterr()
+
+
 def figures(lines, label):
     """All numbers of the line with a label."""
     line = next(line for line in lines if line.strip().startswith(label))

@@ -161,6 +161,12 @@ def test_command_line(rng, tmp_path, capsys):
         ({"fps": 25.0}, "expected the key 'world_raw', got ['fps']"),
         ({"world_raw": np.ones((3, 17, 4)), "fps": 25.0}, "(T, 33, 4), got (3, 17, 4)"),
         ({"world_raw": np.full((3, 33, 4), np.nan), "fps": 25.0}, "must hold a person"),
+        (
+            {"world_raw": np.full((3, 33, 4), "1"), "fps": 25.0},
+            "world_raw: expected numbers, got <U1",
+        ),
+        ({"world_raw": np.ones((3, 33, 4)), "fps": [25.0, 25.0]}, "fps: expected one number, got"),
+        ({"world_raw": np.ones((3, 33, 4)), "fps": "25"}, "fps: expected numbers, got <U2"),
     ],
 )
 def test_errors_are_one_line(content, message, tmp_path, capsys):
@@ -173,3 +179,27 @@ def test_errors_are_one_line(content, message, tmp_path, capsys):
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1 and message in captured.err
     assert not (tmp_path / "out.npz").exists()
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_E4_damaged_archives_are_one_line(save, rng, tmp_path, capsys):
+    path = tmp_path / "in.npz"
+    save(path, world_raw=rough_person(rng).numpy(), fps=25.0)
+    content = bytearray(path.read_bytes())
+    content[3000:3050] = b"\xff" * 50
+    for spoilt in (content, content[:2000]):
+        path.write_bytes(bytes(spoilt))
+        assert landmarks.main([str(path), "--output", str(tmp_path / "out.npz")]) == 1
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1 and "in.npz: expected an npz archive, got " in error
+
+
+def test_landmarks_of_any_byte_order(rng, tmp_path, capsys):
+    points = rough_person(rng).numpy()
+    for name, dtype in (("a", "<f8"), ("b", ">f8")):
+        np.savez(tmp_path / f"{name}.npz", world_raw=points.astype(dtype), fps=np.array([25]))
+        arguments = [str(tmp_path / f"{name}.npz"), "--output", str(tmp_path / f"{name}_out.npz")]
+        assert landmarks.main(arguments) == 0
+    first, second = (io.load(tmp_path / f"{name}_out.npz") for name in "ab")
+    assert torch.equal(first.q, second.q) and first.frame_rate == 25.0
+    capsys.readouterr()

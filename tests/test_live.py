@@ -75,6 +75,13 @@ def test_live_says_what_is_wrong(extra, message, tmp_path, capsys):
     assert message in error and error.count("\n") == 1
 
 
+def test_live_plays_one_frame(tmp_path, capsys):
+    path, out = tmp_path / "one.bvh", tmp_path / "live.png"
+    path.write_text(one_joint("1 2 3"))
+    assert live.main([str(path), "--fast", "--output", str(out)]) == 0
+    assert out.exists() and "1 frames at " in capsys.readouterr().out
+
+
 def test_live_needs_frames(tmp_path, capsys):
     path = tmp_path / "none.bvh"
     path.write_text(re.sub(r"Frames: 1\n(.*\n)[\s\S]*", r"Frames: 0\n\1", one_joint("1 2 3")))

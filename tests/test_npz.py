@@ -150,6 +150,7 @@ def test_E5_other_frame_rates(rate, path, refused):
 def test_E5_no_frame_rate_lists_the_keys(path, refused):
     np.savez(path, **amass(72, mocap_framerate=None))
     refused("expected mocap_framerate or mocap_frame_rate, got ['trans', 'gender', 'betas', 'pos")
+    refused("'poses']: use io.load_estimate")
 
 
 @pytest.mark.parametrize(("width", "joints"), [(72, 24), (147, 49), (156, 52), (165, 55), (3, 1)])

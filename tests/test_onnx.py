@@ -53,6 +53,13 @@ def test_C10_a_model_that_differs_is_refused(tmp_path, capsys, monkeypatch):
     assert "expected 1e-05 rad at most, got 2e-05" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("rate", ["0", "-1", ".inf", ".nan"])
+@pytest.mark.parametrize("name", ["butterworth", "median"])
+def test_A23_a_frame_rate_is_positive(rate, name, tmp_path, capsys):
+    assert export_onnx.main(arguments(tmp_path / "m.onnx", name, "--frame_rate", rate)) == 1
+    assert "error: frame_rate must be finite and > 0, got" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("length", [1, 2, 3, 37, 1500])
 @pytest.mark.parametrize("dim", [0, 1, -1])
 def test_running_values_made_by_doubling(length, dim, rng, monkeypatch):

@@ -74,5 +74,8 @@ def test_says_what_is_wrong(rng):
         Skeleton(NAMES, (-1, 2, 1, 0), OFFSETS)
     with pytest.raises(ValueError, match="must be of one length, got 4, 3"):
         Skeleton(NAMES, (-1, 0, 1), OFFSETS)
+    for joint in (-1, 4):
+        with pytest.raises(ValueError, match=rf"end_sites must belong .*\[0, 4\), got {joint}"):
+            Skeleton(NAMES, PARENTS, OFFSETS, ((joint, TIP),))
     with pytest.raises(ValueError, match="q must have 4 joints, got 3"):
         Skeleton(NAMES, PARENTS, OFFSETS).forward_kinematics(random_rotations(2, 3, rng=rng))

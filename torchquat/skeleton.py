@@ -23,7 +23,8 @@ class Skeleton:
         end_sites: Tips of the last bones: pairs of a joint and a position in its frame.
 
     Raises:
-        ValueError: If the lengths differ, or a parent does not come before its child.
+        ValueError: If the lengths differ, a parent does not come before its child, or an end site
+            belongs to no joint.
     """
 
     names: tuple[str, ...]
@@ -41,6 +42,9 @@ class Skeleton:
         for joint, parent in enumerate(self.parents):
             if not -1 <= parent < joint:
                 raise ValueError(f"parents must be < their joint, got {parent} for {joint}.")
+        for joint, _ in self.end_sites:
+            if not 0 <= joint < joints:
+                raise ValueError(f"end_sites must belong to joints in [0, {joints}), got {joint}.")
 
     def forward_kinematics(
         self, q: Tensor, root_position: Tensor | None = None

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from torchquat.io._copies import PARTS, repeated, same
 from torchquat.io._places import Part, Place
 from torchquat.io._smpl import joint_names, leaf, read_parameters
 from torchquat.io._trees import keys_of
 from torchquat.io._zip import said
 from torchquat.io.estimate import Layout, Track, read_track
 from torchquat.io.motion import FormatError
-from torchquat.io.npz import FRAME_RATES, PARTS
+from torchquat.io.npz import FRAME_RATES
 
 __all__ = ["find", "frame_rate"]
 
@@ -48,13 +49,16 @@ def _poses(path: Path, tree: Mapping[str, Any]) -> tuple[Layout, Track]:
         raise FormatError(f"{path}: poses: expected a width of 3 J, got {width}")
 
     def part(key: str, start: int, stop: int) -> Part:
-        numbers = leaf(path, key, tree[key], (frames, stop - start))
-        if not np.allclose(numbers, poses[:, start:stop], atol=1e-5, equal_nan=True):
-            raise FormatError(f"{path}: {key}: expected what 'poses' holds, got other values")
+        numbers = np.asarray(tree[key], np.float64).reshape(frames, (stop - start) // 3, 3)
         place = Place((key,), np.arange(frames))
-        return Part("rotvec", slice(start // 3, stop // 3), [place], numbers.reshape(frames, -1, 3))
+        return Part("rotvec", slice(start // 3, stop // 3), [place], numbers)
 
-    copies = [part(key, *span) for key, span in PARTS.get(width, {}).items() if key in tree]
+    spans = {key: span for key, span in PARTS.get(width, {}).items() if key in tree}
+    for key, (start, stop) in spans.items():
+        if not same(leaf(path, key, tree[key], (frames, stop - start)), poses[:, start:stop]):
+            raise FormatError(f"{path}: {key}: expected what 'poses' holds, got other values")
+    spans |= repeated(poses, tree, tree.__getitem__)
+    copies = [part(key, *span) for key, span in spans.items()]
     translation = None
     if "trans" in tree:
         numbers = leaf(path, "trans", tree["trans"], (frames, 3))

@@ -85,16 +85,27 @@ def read_rotations(joints: Sequence[BvhJoint], values: Array) -> Tensor:
 
 
 def solve_angles(
-    joints: Sequence[BvhJoint], q: Tensor, before: Array, wanted: Sequence[bool]
+    joints: Sequence[BvhJoint], q: Tensor, valid: Tensor, before: Array, wanted: Sequence[bool]
 ) -> tuple[list[int], Array]:
-    """Columns of the wanted joints' rotations, and the angles for them [deg]."""
+    """Columns of the wanted joints' rotations, and the angles for them [deg].
+
+    Args:
+        joints: All joints of the file.
+        q: Their rotations ``(T, J, 4)``.
+        valid: Which of these are present, booleans ``(T, J)``.
+        before: Rows of the file ``(T, width)``: the first tells which of equal angles are meant.
+        wanted: For each joint whether it is to be written.
+
+    Raises:
+        ValueError: If a rotation of a wanted joint is missing.
+    """
     columns: list[int] = []
     angles = [np.empty((len(q), 0))]
     for axes, members in _by_axes(joints).items():
         members = [index for index in members if wanted[index]]
         if not members or not len(q):
             continue
-        if not bool(torch.isfinite(q[:, members]).all()):
+        if not bool(valid[:, members].all()):
             raise ValueError("q must hold no missing rotation to be written, got some: fill them.")
         own = [joints[index].columns("rotation") for index in members]
         solved = nearest_euler(so3.normalize(q[:, members]), axes, before[0, own])

@@ -5,6 +5,8 @@ import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from pickle import dumps
+from pickletools import genops
 from types import ModuleType
 from typing import Any, Protocol
 
@@ -87,10 +89,18 @@ class TorchFile:
 
 @dataclass(frozen=True, eq=False)
 class JoblibFile:
-    """What ``joblib.dump`` wrote: a pickle, which runs whatever its author put into it."""
+    """What ``joblib.dump`` wrote: a pickle, which runs whatever its author put into it.
+
+    Attributes:
+        tree: What it holds.
+        compression: By joblib's name.
+        protocol: Of a plain pickle, which is written as one; ``None``: joblib put arrays into it
+            that no other program reads.
+    """
 
     tree: Any
     compression: str | None
+    protocol: int | None
 
     @classmethod
     def read(cls, path: Path, *, trust_pickle: bool) -> "JoblibFile":
@@ -115,13 +125,17 @@ class JoblibFile:
             reason = f"{type(error).__name__}: {error}".partition("\n")[0]
             raise FormatError(f"{path}: expected a joblib pickle, got {reason}") from None
         names = (name for magic, name in _COMPRESSIONS.items() if start.startswith(magic))
-        return cls(tree, next(names, None))
+        compression = next(names, None)
+        return cls(tree, compression, None if compression else _plain_protocol(path))
 
     def rewritten(self, leaves: Leaves) -> bytes:
-        """See :class:`TreeFile`; compressed as it was."""
+        """See :class:`TreeFile`; compressed as it was, and a plain pickle stays one."""
+        tree = _replaced(self.tree, leaves)
+        if self.protocol is not None:
+            return dumps(tree, self.protocol)
         buffer = io.BytesIO()
         compress = (self.compression, _LEVEL) if self.compression else 0
-        _joblib().dump(_replaced(self.tree, leaves), buffer, compress=compress)
+        _joblib().dump(tree, buffer, compress=compress)
         return buffer.getvalue()
 
 
@@ -170,10 +184,13 @@ def _replaced(tree: Any, leaves: Leaves) -> Any:
     below: dict[Any, dict[Key, Array]] = {}
     for (first, *rest), leaf in leaves.items():
         below.setdefault(first, {})[tuple(rest)] = leaf
-    branch = copy.copy(tree)
+    branch = list(tree) if isinstance(tree, tuple) else copy.copy(tree)
     for key, own in below.items():
         branch[key] = _replaced(tree[key], own)
-    return branch
+    if not isinstance(tree, tuple):
+        return branch
+    # a named tuple takes its fields one by one
+    return type(tree)(*branch) if hasattr(tree, "_fields") else tuple(branch)
 
 
 def _like(numbers: Array, value: Any) -> Any:
@@ -181,6 +198,21 @@ def _like(numbers: Array, value: Any) -> Any:
     if isinstance(value, torch.Tensor):
         return torch.from_numpy(numbers.reshape(value.shape)).to(value.dtype)
     return numbers.reshape(value.shape).astype(value.dtype)
+
+
+def _plain_protocol(path: Path) -> int | None:
+    """Protocol of a pickle without the arrays of joblib; it is looked through, not run."""
+    protocol = 0
+    with path.open("rb") as file:
+        try:
+            for opcode, argument, _ in genops(file):
+                if opcode.name == "PROTO":
+                    protocol = argument
+                if isinstance(argument, str) and argument.startswith("joblib."):
+                    return None
+        except ValueError:  # joblib made something of it all the same
+            return None
+    return protocol
 
 
 def _joblib(path: Path | None = None) -> ModuleType:

@@ -65,15 +65,15 @@ class BvhSource:
         Euler solution nearest to the frame before.
 
         Raises:
-            ValueError: If the shape of the motion is not that of the file, or a rotation is
-                missing.
+            ValueError: If the shape of the motion is not that of the file, or a rotation of a joint
+                that changed is missing.
         """
         if motion.q.shape != self.q.shape:
             raise ValueError(
                 f"q must have shape {tuple(self.q.shape)}, got {tuple(motion.q.shape)}."
             )
         changed = (motion.q != self.q).any(-1).any(0).tolist()
-        columns, angles = solve_angles(self.joints, motion.q, self.values, changed)
+        columns, angles = solve_angles(self.joints, motion.q, motion.valid, self.values, changed)
         if not columns:
             return self.header + b"".join(self.rows)
         return self.header + b"".join(replace_columns(self.rows, columns, angles))
@@ -128,11 +128,17 @@ def new_bvh(motion: Motion) -> bytes:
     """A BVH file for a motion that came from elsewhere: rotations in the order Z, X, Y.
 
     Raises:
-        ValueError: If the motion has no skeleton, or a rotation is missing.
+        ValueError: If the motion has no skeleton, or a rotation or a position is missing, or a name
+            cannot be told from what stands around it: names are never replaced.
     """
     skeleton = motion.skeleton
     if skeleton is None:
         raise ValueError("motion must have a skeleton to be written as BVH, got none.")
+    if motion.root_position is not None and not bool(motion.root_position.isfinite().all()):
+        raise ValueError(
+            "root_position must hold no missing position to be written, got some: fill them."
+        )
+    _check_names(skeleton.names)
     order = _depth_first(skeleton.parents)
     joints = _new_joints(skeleton, order)
     values = np.zeros((len(motion.q), sum(len(joint.channels) for joint in joints)))
@@ -141,7 +147,9 @@ def new_bvh(motion: Motion) -> bytes:
             held = index > 0 or motion.root_position is None
             position = joint.offset if held else motion.root_position
             values[:, joint.columns("position")] = np.asarray(position)
-    columns, angles = solve_angles(joints, motion.q[:, order], values, [True] * len(joints))
+    columns, angles = solve_angles(
+        joints, motion.q[:, order], motion.valid[:, order], values, [True] * len(joints)
+    )
     values[:, columns] = angles
     end_sites = [(order.index(joint), offset) for joint, offset in skeleton.end_sites]
     header = [
@@ -153,6 +161,17 @@ def new_bvh(motion: Motion) -> bytes:
     ]
     text = "".join(f"{line}\n" for line in header).encode("utf-8", "surrogateescape")
     return text + b"".join(row + b"\n" for row in format_rows(values))
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """Raise for names that would not be read as they were written."""
+    for name in names:
+        words = re.split("[ \t]", name)
+        if re.search("[\r\n]", name) or not words[0] or words[-1] in ("", "{", "}"):
+            raise ValueError(
+                "names must be of one line, neither empty nor with white space around them or a "
+                f"brace for a last word, to be written, got {name!r}."
+            )
 
 
 def _depth_first(parents: Sequence[int]) -> list[int]:

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from torchquat import so3
+from torchquat.io._copies import PARTS, repeated, same
 from torchquat.io._zip import Anything, Archive, pack, said
 from torchquat.io.motion import FormatError, Motion
 from torchquat.representation import continuous_rotvec
@@ -21,18 +22,6 @@ ORDERS = {"xyzw": [0, 1, 2, 3], "wxyz": [3, 0, 1, 2]}
 """Where the components of a file go from those of the package."""
 
 FRAME_RATES = ("mocap_framerate", "mocap_frame_rate")
-
-# where SMPL-H (52 joints) and SMPL-X (55) files keep parts of `poses` a second time
-PARTS = {
-    156: {"root_orient": (0, 3), "pose_body": (3, 66), "pose_hand": (66, 156)},
-    165: {
-        "root_orient": (0, 3),
-        "pose_body": (3, 66),
-        "pose_jaw": (66, 69),
-        "pose_eye": (69, 75),
-        "pose_hand": (75, 165),
-    },
-}
 
 
 class _Layout(Protocol):
@@ -139,7 +128,7 @@ class _Amass:
 
     stored: Anything
     parts: dict[str, tuple[int, int]]
-    dtypes: dict[str, np.dtype[np.generic]]
+    copies: dict[str, Anything]
 
     def arrays(self, motion: Motion, before: Tensor) -> dict[str, Anything]:
         frames, width = self.stored.shape
@@ -151,7 +140,8 @@ class _Amass:
         poses = np.where(kept, stored, solved).reshape(frames, width)
         arrays: dict[str, Anything] = {"poses": poses.astype(self.stored.dtype)}
         for key, (start, stop) in self.parts.items():
-            arrays[key] = poses[:, start:stop].astype(self.dtypes[key])
+            copy = self.copies[key]
+            arrays[key] = poses[:, start:stop].reshape(copy.shape).astype(copy.dtype)
         return arrays
 
 
@@ -196,13 +186,13 @@ def _read_plain(archive: Archive) -> Motion:
 def _read_skeleton(archive: Archive, names: Sequence[str]) -> Skeleton:
     end_sites = ()
     if "end_site_parents" in archive.keys:
-        joints = archive.array("end_site_parents").tolist()
+        joints = _whole_numbers(archive, "end_site_parents")
         places = _floats(archive, "end_site_offsets", 2).tolist()
         pairs = zip(joints, places, strict=True)
-        end_sites = tuple((int(joint), (x, y, z)) for joint, (x, y, z) in pairs)
+        end_sites = tuple((joint, (x, y, z)) for joint, (x, y, z) in pairs)
     return Skeleton(
         names=tuple(names),
-        parents=tuple(int(parent) for parent in archive.array("parents").tolist()),
+        parents=tuple(_whole_numbers(archive, "parents")),
         offsets=torch.from_numpy(_floats(archive, "offsets", 2).astype(np.float64)),
         end_sites=end_sites,
     )
@@ -216,10 +206,14 @@ def _read_amass(archive: Archive) -> Motion:
     rates = [key for key in FRAME_RATES if key in archive.keys]
     if not rates:
         raise FormatError(
-            f"{archive.path}: expected {' or '.join(FRAME_RATES)}, got {archive.keys}"
+            f"{archive.path}: expected {' or '.join(FRAME_RATES)}, got {archive.keys}: "
+            "use io.load_estimate"
         )
     parts = {key: span for key, span in PARTS.get(width, {}).items() if key in archive.keys}
-    dtypes = {key: _check_part(archive, key, stored[:, slice(*parts[key])]) for key in parts}
+    for key, span in parts.items():
+        _check_part(archive, key, stored[:, slice(*span)])
+    parts |= repeated(stored, archive.keys, archive.array)
+    copies = {key: archive.array(key) for key in parts}
 
     q = so3.exp(torch.from_numpy(stored.astype(np.float64)).reshape(frames, width // 3, 3))
     return Motion(
@@ -227,18 +221,17 @@ def _read_amass(archive: Archive) -> Motion:
         frame_rate=_number(archive, rates[0]),
         names=tuple(f"joint_{index}" for index in range(width // 3)),
         root_position=_trans(archive, frames),
-        source=NpzSource(archive, _Amass(stored, parts, dtypes), q),
+        source=NpzSource(archive, _Amass(stored, parts, copies), q),
     )
 
 
-def _check_part(archive: Archive, key: str, part: Anything) -> np.dtype[np.generic]:
-    """The dtype of a key that repeats a part of ``poses``, once it is seen to repeat it."""
+def _check_part(archive: Archive, key: str, part: Anything) -> None:
+    """Raise unless a key repeats a part of ``poses``."""
     copy = _floats(archive, key, 2)
     if copy.shape != part.shape:
         raise FormatError(f"{archive.path}: {key}: expected shape {part.shape}, got {copy.shape}")
-    if not np.allclose(copy.astype(float), part.astype(float), atol=1e-5, equal_nan=True):
+    if not same(copy, part):
         raise FormatError(f"{archive.path}: {key}: expected what 'poses' holds, got other values")
-    return copy.dtype
 
 
 def _trans(archive: Archive, frames: int) -> Tensor | None:
@@ -264,6 +257,17 @@ def _floats(archive: Archive, key: str, dimensions: int) -> Anything:
             f"got {array.dtype} {array.shape}"
         )
     return array
+
+
+def _whole_numbers(archive: Archive, key: str) -> list[int]:
+    array = _get(archive, key)
+    fits = array.ndim == 1 and array.dtype.kind in "fiu" and bool(np.isfinite(array).all())
+    if not fits or (array != np.trunc(array)).any():
+        raise FormatError(
+            f"{archive.path}: {key}: expected one dimension of whole numbers, "
+            f"got {array.dtype} {array.shape}"
+        )
+    return [int(number) for number in array]
 
 
 def _number(archive: Archive, key: str) -> float:
