@@ -1,6 +1,6 @@
 """Write a filter as an ONNX model, and run it in onnxruntime to see that it does the same.
 
-python examples/export_onnx.py [--config configs/bilateral.yaml] [--filter.init_args.sigma_g 0.3]
+python examples/export_onnx.py [--config bilateral] [--filter.init_args.sigma_g 0.3]
        [--joints 24] [--frame_rate 30] --output FILTER.onnx
 
 The model takes float32 quaternions ``q`` (batch, frames, joints, 4) of any batch and length, and
@@ -22,7 +22,7 @@ import jsonargparse
 import onnxruntime
 import torch
 from _command import run
-from _filter_config import read_config
+from _filter_config import find_config, read_config
 from torch import Tensor, nn
 from torch._dynamo.exc import UserError
 from tqdm import tqdm
@@ -30,7 +30,6 @@ from tqdm import tqdm
 from torchquat import LiftingDenoiser, so3
 from torchquat._running import LONGEST
 
-DEFAULT_CONFIG = Path(__file__).parents[1] / "configs" / "bilateral.yaml"
 OPSET = 20
 TOLERANCE = 1e-5
 """How far the model may be from the filter [rad]."""
@@ -108,7 +107,7 @@ def _export(arguments: jsonargparse.Namespace) -> int:
     if not 0 < arguments.frame_rate < math.inf:
         raise ValueError(f"frame_rate must be finite and > 0, got {arguments.frame_rate}.")
     chosen = arguments.filter
-    config = read_config(arguments.config, chosen.class_path, chosen.init_args)
+    config = read_config(find_config(arguments.config), chosen.class_path, chosen.init_args)
     filtering = config.build(arguments.frame_rate).float()
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # about packages that are not needed
     with warnings.catch_warnings(), tqdm(total=2, unit="step", disable=None) as progress:
@@ -132,7 +131,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = jsonargparse.ArgumentParser(
         description="Write a filter as an ONNX model, and check it.", exit_on_error=False
     )
-    parser.add_argument("--config", type=Path, default=DEFAULT_CONFIG, help="YAML with a filter")
+    parser.add_argument("--config", default="bilateral", help="preset, or YAML with a filter")
     parser.add_argument("--filter.class_path", help="another filter than the config's")
     parser.add_argument(
         "--filter.init_args", type=dict[str, Any], default={}, help="single arguments of the filter"

@@ -1,6 +1,6 @@
 """Play a motion file at its frame rate through a stream; draw what goes in and what comes out.
 
-python examples/live.py [INPUT] [--config configs/one_euro.yaml] [--output PLOT.png] [--fast]
+python examples/live.py [INPUT] [--config one_euro] [--output PLOT.png] [--fast]
        [--filter.init_args.min_cutoff 2Hz] [--joint LeftForeArm]
 
 Without --output a window follows the motion, where there is a screen; else out/live.png is written.
@@ -16,7 +16,7 @@ import jsonargparse
 import torch
 from _command import run
 from _figures import plt, save
-from _filter_config import read_config
+from _filter_config import find_config, read_config
 from benchmark_stream import quantile
 from torch import Tensor
 from tqdm import tqdm
@@ -26,7 +26,6 @@ from torchquat.io import Motion
 
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / "examples" / "data" / "sports2d_demo.npz"
-CONFIG = ROOT / "configs" / "bilateral.yaml"
 BEFORE, AFTER = "#c44e52", "#2a6f97"
 WINDOWS = ("MacOSX", "QtAgg", "TkAgg", "GTK3Agg")
 REDRAWN = 0.1
@@ -153,7 +152,7 @@ def _live(arguments: jsonargparse.Namespace) -> int:
     if len(motion.q) == 0:
         raise ValueError(f"{arguments.input}: expected frames, got none")
     chosen = arguments.filter
-    config = read_config(arguments.config, chosen.class_path, chosen.init_args)
+    config = read_config(find_config(arguments.config), chosen.class_path, chosen.init_args)
     try:
         stream = Stream(config.build(motion.frame_rate))
     except TypeError as error:
@@ -190,7 +189,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         description="Play a motion file through a filter, frame by frame.", exit_on_error=False
     )
     parser.add_argument("input", type=Path, nargs="?", default=DEMO, help="motion file")
-    parser.add_argument("--config", type=Path, default=CONFIG, help="YAML with a filter")
+    parser.add_argument("--config", default="bilateral", help="preset, or YAML with a filter")
     parser.add_argument("--filter.class_path", help="another filter than the config's")
     parser.add_argument(
         "--filter.init_args", type=dict[str, Any], default={}, help="single arguments of the filter"

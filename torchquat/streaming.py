@@ -58,9 +58,9 @@ class Stream:
     at the end too, where boundary rules apply; causal forms have latency 0. Two exceptions, each
     because the offline result looks further ahead: the first ``radius`` frames of a Savitzky-Golay
     filter with boundary ``"interp"`` are those of ``"replicate"``, and a missing frame whose next
-    present one is not within the window holds the last one. (A missing frame of the Hampel filter
-    is filled between its neighbours as they came, not as they are cleaned.) The boundary
-    ``"circular"`` is refused.
+    present one is not within the window of one pass holds the last one. (A missing frame of the
+    Hampel filter is filled between its neighbours as they came, not as they are cleaned.) The
+    boundary ``"circular"`` is refused.
 
     **Recursive filters** have latency 0 and carry an estimate, in double precision.
     :class:`OneEuroFilter` gives the offline result. Of :class:`KalmanSmoother` this is the forward

@@ -77,8 +77,8 @@ class LiftingDenoiser(nn.Module):
         if learnable and self.rule == "finest":
             raise ValueError("learnable must be False for the rule 'finest': it has no thresholds.")
         self.log_scale = nn.Parameter(torch.zeros(levels)) if learnable else None
-        self.estimates = isinstance(rule, str) and rule != "finest"
-        if self.estimates and levels > MOST_LEVELS:
+        self._estimates = isinstance(rule, str) and rule != "finest"
+        if self._estimates and levels > MOST_LEVELS:
             most = f"<= {MOST_LEVELS} for the rule {rule!r}"
             raise ValueError(f"levels must be {most}, got {levels}.")
         self.noise_gain: tuple[float, ...] = ()
@@ -87,7 +87,7 @@ class LiftingDenoiser(nn.Module):
 
     def _measure(self) -> None:
         """How noise comes through, unless that is known."""
-        if not self.estimates or self.levels == 0:
+        if not self._estimates or self.levels == 0:
             return
         learned = [p for p in self.transform.parameters() if not p.is_inference()]
         state = [(id(parameter), parameter._version) for parameter in learned]
@@ -101,7 +101,7 @@ class LiftingDenoiser(nn.Module):
         present = None if confidence is None else confidence > 0
         if eager():
             self._measure()
-        sigma = finest_noise(unit, present) if self.estimates else None
+        sigma = finest_noise(unit, present) if self._estimates else None
         first = mean = self._spin(unit, present, sigma, 0)
         if self.cycle_spins > 1:
             step = torch.zeros_like(first[..., :3])
