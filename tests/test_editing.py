@@ -18,7 +18,7 @@ def lengths(detail):
     return np.linalg.norm(detail.numpy(), axis=-1)
 
 
-@pytest.mark.parametrize("keep", [0.0, 0.25, 0.5, 0.9, 1.0])
+@pytest.mark.parametrize("keep", [0.0, 0.25, 0.5, 0.95, 1.0])
 def test_compression_keeps_its_share_of_equal_details(keep):
     """Of a steady swing all details of a level are alike."""
     detail = torch.ones(20, 1, 3, dtype=torch.float64)

@@ -133,8 +133,9 @@ def test_the_noise_is_found(sigma, rng):
 
 @pytest.mark.parametrize("wavelet", WAVELETS)
 def test_noise_gains_are_those_of_the_scheme_on_numbers(wavelet):
-    gain = LiftingDenoiser(wavelet, levels=4).noise_gain
-    assert gain == pytest.approx(reference_lifting.gains(wavelet, 4), rel=1e-12)
+    for levels in (4, 6):
+        gain = LiftingDenoiser(wavelet, levels=levels).noise_gain
+        assert gain == pytest.approx(reference_lifting.gains(wavelet, levels), rel=1e-12)
 
 
 def test_gains_are_found_also_where_gradients_are_off():
@@ -162,6 +163,11 @@ def test_B16_gains_are_those_of_what_was_loaded(rng):
     assert torch.equal(other(q), one(q))
 
 
+def test_as_many_levels_as_steps(rng):
+    steps = [learned(rng).transform.steps[0] for _ in range(2)]
+    assert LiftingDenoiser(steps).levels == len(LiftingDenoiser(steps).noise_gain) == 2
+
+
 def test_gains_follow_a_scheme_that_is_trained(rng):
     run = learned(rng)
     q = noise.gaussian(smooth_motion(frames=40, rng=rng), 0.1, generator=rng)
@@ -180,6 +186,7 @@ def test_levels_beyond_the_clip_cost_nothing(rng):
     for rule in (0.1, "finest"):
         few, many = (LiftingDenoiser("haar", levels=n, rule=rule) for n in (6, 24))
         assert many(q).isfinite().all() and few(q).shape == q.shape
+    assert len(LiftingDenoiser("haar", levels=12).noise_gain) == 12
     with pytest.raises(ValueError, match="levels must be <= 12 for the rule 'bayes', got 13"):
         LiftingDenoiser(levels=13, rule="bayes")
 

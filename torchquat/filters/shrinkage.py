@@ -265,8 +265,7 @@ def _noise_gain(transform: LiftingTransform, levels: int) -> tuple[float, ...]:
     """
     parameter = next(transform.parameters(), torch.zeros((), dtype=torch.float64, device="cpu"))
     frames = 16 * 2**levels
-    precise = torch.autocast(parameter.device.type, enabled=False)
-    with torch.inference_mode(False), torch.enable_grad(), precise:
+    with torch.inference_mode(False), torch.enable_grad():
         v = parameter.new_zeros(levels, frames, 1, 3, requires_grad=True)
         details = transform(so3.exp(v)).details
         middle = [d[level, d.shape[-3] // 2, 0, 0] for level, d in enumerate(details)]
