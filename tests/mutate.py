@@ -41,7 +41,7 @@ GROUPS = {
         "so3 timeline missing operations bilateral wrong_ways representation confidence",
         "bilateral lifting-haar",
     ),
-    "bvh": Group("io/bvh", "bvh bvh_writing files"),
+    "bvh": Group("io/bvh", "bvh bvh_writing bvh_not_written files"),
     "windows": Group(
         "filters/_lee_shin* filters/bilateral filters/linear filters/moving_mean filters/_masks",
         "bilateral linear anisotropy operations",

@@ -8,7 +8,7 @@ from motions import angle_between, assert_same_rotation, numpy_of, random_rotati
 from patterns import PATTERNS, with_pattern
 from torch.autograd import gradcheck, gradgradcheck
 
-from torchquat import BilateralFilter, bilateral_filter, gaussian_filter, metrics, noise
+from torchquat import BilateralFilter, bilateral_filter, gaussian_filter, metrics, noise, so3
 from torchquat.timeline import BOUNDARIES
 
 KERNELS = ("gaussian", "exponential")
@@ -180,6 +180,14 @@ def test_gradients_of_the_signal_where_bandwidths_are_fixed(kernel, sigma_g, rng
 
     assert gradcheck(run, (q, weight), fast_mode=True)
     assert gradcheck(lambda q: run(q, None), (q,), fast_mode=True)
+
+
+def test_gradients_of_turns_of_more_than_half_a_turn_within_the_window(rng):
+    """The geodesic between two frames leads the other way than the path."""
+    q = smooth_motion(frames=8, joints=1, rng=rng)
+    turns = 2.0 * torch.arange(8.0).double()[:, None, None] * torch.tensor([1.0, 0.0, 0.0])
+    q = so3.compose(q, so3.exp(turns)).requires_grad_()
+    assert gradcheck(lambda q: bilateral_filter(q, sigma_t=1.5, sigma_g=1.0, radius=3), (q,))
 
 
 @pytest.mark.parametrize("sigma", [0.5, [0.3, 0.5, 0.7]], ids=["one", "per-joint"])

@@ -150,6 +150,12 @@ def test_D9_refuses_other_frame_times(seconds, refused):
     assert wanted in message
 
 
+def test_D9_the_column_is_that_of_the_number(refused):
+    """Not that of the same letter further to the left."""
+    message = refused(one_joint(*ROWS, frame_time="m"))
+    assert message == f":{FIRST_ROW - 1}:13: expected a number, got 'm'"
+
+
 def test_D9_frame_time_missing(refused):
     text = one_joint(*ROWS).replace("Frame Time: 0.01\n", "")
     assert "expected Frame Time:, got '10 20 30'" in refused(text)
@@ -268,6 +274,7 @@ def test_D17_two_roots_keep_their_order(read):
         ("HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\n}\n", ": expected } or MOTION, got the end of the"),
         ("HIERARCHY\nROOT\n{\n", ":2: expected a name after 'ROOT', got none"),
         ("HIERARCHY\nROOT a\nOFFSET 0 0 0\n", ":3: expected {, got 'OFFSET 0 0 0'"),
+        ("HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\n}\nMOTION\n\n", ": expected Frames:, got the end of"),
         ("HIERARCHY\nROOT a\n{\n}\n", ":4: expected OFFSET, CHANNELS, JOINT, End Site, got '}'"),
     ],
 )

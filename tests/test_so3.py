@@ -119,6 +119,13 @@ def test_A1_A2_A12_normalize_keeps_the_direction(dtype, rng):
     assert_same_rotation(so3.normalize(-2.0 * IDENTITY), IDENTITY)
 
 
+@pytest.mark.parametrize(("dtype", "norm"), [(torch.float32, 1e-22), (torch.float64, 1e-161)])
+def test_A12_small_quaternions_become_as_long_as_others(dtype, norm, rng):
+    """Their squared norms are no 0, but have lost most of their digits."""
+    unit = so3.normalize((random_rotations(20, rng=rng) * norm).to(dtype))
+    assert (unit.double().norm(dim=-1) - 1.0).abs().max() < 4 * torch.finfo(dtype).eps
+
+
 def test_A12_half_precision_at_its_end(rng):
     q = 6e4 * torch.tensor([0.0, 0.6, 0.0, 0.8], dtype=torch.float16)
     assert_same_rotation(so3.normalize(q.float()), q)

@@ -65,11 +65,11 @@ def tangent_mean(
     trust: Tensor | None,
     weigh: Weigh,
     *,
-    centre: float | Tensor = 1.0,
+    centre: float | Tensor,
     radius: int,
-    causal: bool = False,
-    fixed: bool = False,
-    rate: float | Tensor | None = None,
+    causal: bool,
+    fixed: bool,
+    rate: float | Tensor | None,
 ) -> tuple[Vector, Tensor]:
     r"""Mean of ``c_j - c_i`` over the window, with ``c`` the running sum of the increments.
 

@@ -101,6 +101,7 @@ def bilateral_filter(
             window,
             trust,
             weigh_both,
+            centre=1.0,
             radius=radius,
             causal=causal,
             fixed=not derivatives(*(s for s in (sigma_t, sigma_g) if isinstance(s, Tensor))),
