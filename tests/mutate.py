@@ -43,12 +43,13 @@ GROUPS = {
     ),
     "bvh": Group("io/bvh", "bvh bvh_writing bvh_not_written files"),
     "windows": Group(
-        "filters/_lee_shin* filters/bilateral filters/linear filters/moving_mean filters/_masks",
+        "filters/_lee_shin* filters/bilateral filters/linear filters/moving_mean filters/_masks "
+        "filters/_bandwidth",
         "bilateral linear anisotropy operations",
         "gaussian linear bilateral moving-mean",
     ),
     "nonlocal": Group(
-        "filters/nonlocal_means filters/_patches filters/_bandwidth",
+        "filters/nonlocal_means filters/_patches",
         "nonlocal_means operations",
         "nonlocal",
     ),
