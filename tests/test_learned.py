@@ -224,6 +224,19 @@ def test_joints_of_an_embedding_count_by_their_gain(rng):
     assert torch.allclose(embedding(patch), 3.0 * once)
 
 
+def test_new_blocks_have_the_size_that_checkpoints_expect_and_keep_that_of_what_they_see():
+    torch.manual_seed(0)
+    for block, shape in (
+        (LearnedPredict(), (5, 8, 1)),
+        (LearnedUpdate(), (4, 8, 1)),
+        (PatchEmbedding(), (11, 8, 4)),
+    ):
+        kernel, mix = block.network.kernel, block.network.mix
+        assert (*kernel.shape, mix.shape[1]) == shape and len(mix) == 8
+        # white noise comes out as large as it goes in
+        assert 0.5 < kernel.detach().square().sum(0).mean().item() < 2.0
+
+
 def test_bad_options_are_named():
     for block in (LearnedPredict, LearnedUpdate):
         with pytest.raises(ValueError, match="channels must be >= 1, got 0"):
