@@ -43,10 +43,9 @@ GROUPS = {
     ),
     "bvh": Group("io/bvh", "bvh bvh_writing bvh_not_written files"),
     "windows": Group(
-        "filters/_lee_shin* filters/bilateral filters/linear filters/moving_mean filters/_masks "
-        "filters/_bandwidth",
+        "filters/_lee_shin* filters/bilateral filters/linear filters/_masks filters/_bandwidth",
         "bilateral linear anisotropy operations",
-        "gaussian linear bilateral moving-mean",
+        "gaussian linear bilateral",
     ),
     "nonlocal": Group(
         "filters/nonlocal_means filters/_patches",
@@ -55,9 +54,10 @@ GROUPS = {
     ),
     "competitors": Group(
         "filters/butterworth filters/savitzky_golay filters/robust filters/one_euro "
-        "filters/tracking filters/_gains filters/subspace filters/_spectra filters/_chart",
+        "filters/tracking filters/_gains filters/subspace filters/_spectra filters/_chart "
+        "filters/moving_mean",
         "competitors subspace confidence",
-        "butterworth savitzky median hampel one-euro kalman principal kernel",
+        "butterworth savitzky median hampel one-euro kalman principal kernel moving-mean",
     ),
     "wavelets": Group(
         "filters/lifting filters/learned filters/_haar filters/_thresholds filters/shrinkage "

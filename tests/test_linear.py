@@ -252,7 +252,10 @@ def test_no_pattern_of_gaps_raises_the_gain_of_a_mask_with_negative_entries(rng)
             "^mask must be finite with a sum > 0",
         ),
         (lambda q: LinearFilter([1.0, torch.nan, 1.0]), "mask must be finite with a sum > 0"),
-        (lambda q: LinearFilter([-1.0, 1.0, 0.0]), "mask must be finite with a sum > 0"),
+        (
+            lambda q: LinearFilter([-1.0, 1.0, 0.0]),
+            r"mask must be finite with a sum > 0, got \[-1\.0, 1\.0, 0\.0\]",
+        ),
         (lambda q: gaussian_filter(q, sigma_t=0.0), "sigma_t must be finite and > 0, got 0.0"),
         (lambda q: GaussianFilter(-1.0), "sigma_t must be finite and > 0, got -1.0"),
         (lambda q: GaussianFilter([1.0, float("inf")]), "sigma_t must be finite and > 0"),
