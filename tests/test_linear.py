@@ -179,6 +179,11 @@ def test_A23_masks_that_single_precision_does_not_hold(mask):
         LinearFilter(mask)
 
 
+def test_entries_too_small_to_divide_by_count_for_nothing(rng):
+    q = smooth_motion(frames=8, rng=rng)
+    assert_same_rotation(linear_filter(q, mask=[1e-310, 1.0, 1e-310]), q)
+
+
 def test_gradients_of_signal_weights_mask_and_bandwidth(rng):
     q = smooth_motion(frames=4, joints=1, rng=rng).requires_grad_()
     weight = (0.2 + torch.rand(4, 1, generator=rng, dtype=torch.float64)).requires_grad_()
