@@ -114,13 +114,15 @@ def test_savitzky_golay_keeps_polynomials_in_windows_of_any_length(radius, order
         assert kept == pytest.approx(float(power == 0), abs=1e-9)
 
 
-def test_savitzky_golay_at_an_end_where_nothing_counts_less_than_nothing():
-    """The first fit has negative shares for frames 2 and 3 alone; without them, it is a mean."""
-    angle = np.array([0.0, 0.3, np.nan, np.nan, 0.9, 1.0, 1.0, 1.0])
-    share = np.array([31.0, 9.0, 3.0]) / 43.0
-    found = SavitzkyGolayFilter(2, 2)(about_one_axis(angle))
-    expected = about_one_axis(share @ angle[[[0], [1], [4]]])
-    assert_same_rotation(found[:1], expected, 1e-9)
+@pytest.mark.parametrize(
+    "share", [[31.0, 9.0, 0.0, 0.0, 3.0], [0.0, 0.0, 3.0, 5.0, 0.0]], ids=["more", "less"]
+)
+def test_savitzky_golay_at_an_end_of_shares_of_one_sign(share):
+    """The first fit has negative shares for frames 2 and 3 alone; of one sign, it is a mean."""
+    angle = np.array([0.0, 0.3, 0.2, 0.6, 0.9, 1.0, 1.0, 1.0])
+    expected = about_one_axis(np.average(angle[:5, None], 0, share))
+    angle[:5][np.equal(share, 0.0)] = np.nan
+    assert_same_rotation(SavitzkyGolayFilter(2, 2)(about_one_axis(angle))[:1], expected, 1e-9)
 
 
 @pytest.mark.parametrize("boundary", torchquat.timeline.BOUNDARIES)

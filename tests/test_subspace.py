@@ -9,7 +9,7 @@ from motions import assert_same_rotation, numpy_of, random_rotations, smooth_mot
 from torchquat import KernelPCAFilter, PrincipalComponentFilter
 from torchquat.filters._chart import Chart
 from torchquat.filters._spectra import leading, of_eigenvalues
-from torchquat.filters.subspace import _mean
+from torchquat.filters.subspace import _mean, _squared_width
 
 
 @pytest.mark.parametrize("components", [1, 3, 0.7])
@@ -83,11 +83,15 @@ def test_joints_that_are_missing_throughout_make_no_difference_to_the_others(rng
     assert_same_rotation(found[:, 2:3], alone, 1e-9)
 
 
-def test_the_mean_pose_is_that_of_every_axis(rng):
+def test_mean_pose_and_width_are_those_of_every_axis(rng):
     points, trust = (torch.rand(2, 2, 5, 6, generator=rng) + 0.1).double().unbind(0)
-    expected = np.average(numpy_of(points), axis=1, weights=numpy_of(trust))
-    found = _mean(Chart(points, trust, points[..., :4]))
+    chart, weights = Chart(points, trust, points[..., :4]), numpy_of(trust)
+    expected = np.average(numpy_of(points), axis=1, weights=weights)
+    found = _mean(chart)
     assert np.allclose(found[:, 0].numpy(), expected, atol=1e-12) and found.shape == (2, 1, 6)
+    square = np.square(numpy_of(points) - expected[:, None])
+    wide = 12.0 * np.average(square, axis=(1, 2), weights=weights)
+    assert np.allclose(_squared_width(chart, None).flatten().numpy(), wide, atol=1e-12)
 
 
 @pytest.mark.parametrize("run", [PrincipalComponentFilter(2), KernelPCAFilter(2, sigma=0.5)])
