@@ -13,7 +13,7 @@ from torchquat.filters import _hankel
 
 
 @pytest.mark.parametrize(
-    ("frames", "window"), [(1, 8), (2, 8), (5, 4), (13, 6), (40, 3), (60, 1), (7, 64)]
+    ("frames", "window"), [(1, 8), (2, 8), (5, 4), (13, 6), (25, 4), (40, 3), (60, 1), (7, 64)]
 )
 @pytest.mark.parametrize("span", [256, 16])
 def test_agrees_with_plain_loops(frames, window, span, rng, monkeypatch):

@@ -75,6 +75,17 @@ def test_limits_of_stretches(begin, end, speed, jump, is_moved):
     assert_same_rotation(found, clean if is_moved else q, 1e-9)
 
 
+@pytest.mark.parametrize(("jump", "is_moved"), [(-0.41, True), (-0.39, False)])
+def test_a_stretch_that_jumps_against_the_motion_at_both_ends(jump, is_moved):
+    """Its steps are the shortest that a jump may have; the motion turns back in its middle."""
+    turn = torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64)
+    angle = -0.1 * (torch.arange(120.0).double()[:, None, None] - 64.5).abs()
+    clean = so3.exp(angle * turn.expand(1, 2, 3))
+    q = displaced(clean, 60, 70, v=jump * turn)
+    found = undone(q, torch.ones(120, 2, dtype=torch.bool), torch.zeros(1, 2, dtype=torch.float64))
+    assert_same_rotation(found, clean if is_moved else q, 1e-9)
+
+
 @pytest.mark.parametrize(("sigma", "is_moved"), [(0.077, True), (0.078, False)])
 def test_jumps_that_noise_may_have_made_stay(sigma, is_moved):
     """Of 0.9 rad, below three root mean squares of an excess: sqrt(15) of the noise each."""

@@ -179,6 +179,12 @@ def test_missing_frames_are_filled_and_stay_without_weight(rng):
     assert angle_between(result, clean).max() < 0.01
 
 
+@pytest.mark.parametrize("kind", [torch.float16, torch.bfloat16, torch.float32])
+def test_B9_confidences_have_the_dtype_of_the_rotations(kind):
+    result, trust = repair(swaying().to(kind))
+    assert result.dtype == trust.dtype == kind
+
+
 def test_missing_frames_are_predicted_as_the_oracle_does(rng):
     """By the level of noise that the joint has; nothing of what lay there counts."""
     q = noise.gaussian(swaying(frames=40), 0.05, generator=rng)
