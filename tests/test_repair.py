@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import reference_repair as reference
 import torch
-from motions import angle_between, assert_same_rotation, numpy_of, smooth_motion
+from motions import angle_between, assert_same_rotation, numpy_of, random_rotations, smooth_motion
 from test_spectral import swaying
 from torch.autograd import gradcheck
 
@@ -259,4 +259,6 @@ def test_short_sequences(frames, rng):
     result, trust = repair(q)
     assert_same_rotation(result, q)
     assert trust.shape == (frames, 3) and (trust == 1).all()
+    wide = random_rotations(frames, 3, rng=rng)  # each a jump, and none that leads back
+    assert_same_rotation(repair(wide[:2])[0], wide[:2])
     assert repair(torch.zeros(4, 0, 4))[0].shape == (4, 0, 4)
