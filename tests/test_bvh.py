@@ -132,6 +132,12 @@ def test_D7_counts_that_differ(count, refused, read, tmp_path):
         read_bvh(tmp_path / "strict.bvh")  # nobody asked for leniency
 
 
+def test_D7_the_warning_names_the_line_of_the_caller(read):
+    with pytest.warns(UserWarning) as told:
+        read(one_joint(*ROWS, frames=2), lenient=True)
+    assert told[0].filename == __file__
+
+
 @pytest.mark.parametrize("count", ["-1", "x", "2.0", "", "1 2"])
 def test_D8_refuses_other_counts(count, refused):
     message = refused(one_joint(*ROWS, frames=count))
