@@ -120,11 +120,8 @@ def test_D6_refuses_glued_numbers(refused):
 def test_D7_counts_that_differ(count, refused, read, tmp_path):
     text = one_joint(*ROWS, frames=count)
     assert refused(text).endswith(f": expected {count} rows of motion, got 3")
-    with pytest.warns(
-        UserWarning, match=f"expected {count} rows of motion, got 3: using these"
-    ) as told:
+    with pytest.warns(UserWarning, match=f"expected {count} rows of motion, got 3: using these"):
         motion = read(text, lenient=True)
-    assert told[0].filename == read.__code__.co_filename  # whoever called `io.load`
     io.save(motion, tmp_path / "counted.bvh")
     assert (tmp_path / "counted.bvh").read_text() == one_joint(*ROWS)
     (tmp_path / "strict.bvh").write_text(text)
