@@ -182,6 +182,13 @@ def test_gradients_of_the_signal_where_bandwidths_are_fixed(kernel, sigma_g, rng
     assert gradcheck(lambda q: run(q, None), (q,), fast_mode=True)
 
 
+def test_gradients_of_a_causal_filter_that_holds_the_first_frame(rng):
+    """No frame is without weight then, but pairs of frames count in one direction only."""
+    q = smooth_motion(frames=6, joints=1, rng=rng).requires_grad_()
+    options = {"sigma_t": 0.9, "sigma_g": 0.5, "causal": True, "boundary": "replicate"}
+    assert gradcheck(lambda q: bilateral_filter(q, **options), (q,))
+
+
 def test_gradients_of_turns_of_more_than_half_a_turn_within_the_window(rng):
     """The geodesic between two frames leads the other way than the path."""
     q = smooth_motion(frames=8, joints=1, rng=rng)
