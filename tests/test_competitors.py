@@ -296,7 +296,10 @@ def test_fast_turns_are_followed(name):
             lambda: ButterworthFilter(0.4999999),
             r"lie 3\.8e-05 or more from 0 and from frame_rate / 2 = 0\.5 for order 2, got",
         ),
-        (lambda: ButterworthFilter(1e-5), r"cutoff must lie 3\.8e-05 or more from 0 and from"),
+        (
+            lambda: ButterworthFilter(3e-4, frame_rate=30.0),
+            r"cutoff must lie 0\.0011 or more from 0 and from frame_rate / 2 = 15 for order 2, got",
+        ),
         (lambda: HampelFilter(1, 0.0), "n_sigmas must be"),
         (lambda: OneEuroFilter(1.0, -1.0), r"beta must be finite and >= 0, got -1\.0\."),
         (lambda: KalmanSmoother(1.0, 1.0, order=4), r"order must be 2 or 3, got 4\."),
