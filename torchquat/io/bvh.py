@@ -109,9 +109,8 @@ def read_bvh(path: Path, *, lenient: bool = False) -> Motion:
         found = f"expected {frames} rows of motion, got {len(values)}"
         if not lenient:
             raise FormatError(f"{path}:{frames_line}: {found}")
-        warnings.warn(
-            f"{path}:{frames_line}: {found}: using these", stacklevel=3
-        )  # `io.load` was called
+        # the line that is named is that of whoever called `io.load`
+        warnings.warn(f"{path}:{frames_line}: {found}: using these", stacklevel=3)
         header[frames_line - 1] = header[frames_line - 1].replace(
             b"%d" % frames, b"%d" % len(values)
         )
