@@ -294,7 +294,8 @@ def test_fast_turns_are_followed(name):
         (lambda: ButterworthFilter(0.5), r"cutoff must be < frame_rate / 2 = 0.5, got 0.5\."),
         (
             lambda: ButterworthFilter(0.4999999),
-            r"lie 3\.8e-05 or more from 0 and from frame_rate / 2 = 0\.5 for order 2, got",
+            r"cutoff must lie 3\.8e-05 or more from 0 and from frame_rate / 2 = 0\.5 for order 2, "
+            r"got 0\.4999999\.",
         ),
         (
             lambda: ButterworthFilter(3e-4, frame_rate=30.0),

@@ -78,7 +78,7 @@ def test_freedom_of_low_rank_is_the_slope_of_the_estimate(rng):
 def test_freedom_of_low_rank_agrees_with_plain_loops(scale, rng):
     """Where much, little, next to nothing or nothing stands out of the noise, which lasts."""
     data = torch.randn(2, 26, 6, generator=rng, dtype=torch.float64).cumsum(1)
-    data *= _that_shows(data[0]) if scale == "barely" else scale
+    data *= _barely(data[0]) if scale == "barely" else scale
     lag = torch.arange(26, dtype=torch.float64)
     rho = torch.tensor([[0.0], [0.7]], dtype=torch.float64)
     colour = torch.where(lag == 0, 1.0, rho**lag)
@@ -91,7 +91,7 @@ def test_freedom_of_low_rank_agrees_with_plain_loops(scale, rng):
         assert torch.allclose(found[item, :, 0], torch.from_numpy(expected), rtol=1e-9)
 
 
-def _that_shows(data):
+def _barely(data):
     """What to multiply data by, so that of the largest component alone a hundredth is kept."""
     seen = numpy_of(data - data.mean(0))
     hankel = np.array([seen[row : row + 4].flatten() for row in range(23)])

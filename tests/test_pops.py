@@ -29,6 +29,12 @@ def wandering(frames, rng):
     return q
 
 
+def all_present(q, sigma=0.0):
+    """What becomes of joints without gaps, whose noise is known."""
+    level = torch.full((1, q.shape[-2]), sigma, dtype=q.dtype)
+    return undone(q, torch.ones(q.shape[:-1], dtype=torch.bool), level)
+
+
 @pytest.mark.parametrize(
     ("longest", "here", "least"), [(90, 0.97, 20), (14, 0.7, 1)], ids=["clips", "shreds"]
 )
@@ -71,8 +77,7 @@ def test_limits_of_stretches(begin, end, speed, jump, is_moved):
     turn = torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64)
     clean = so3.exp(speed * torch.arange(120.0)[:, None, None] * turn.expand(1, 2, 3))
     q = displaced(clean, begin, end, v=jump * turn)
-    found = undone(q, torch.ones(120, 2, dtype=torch.bool), torch.zeros(1, 2, dtype=torch.float64))
-    assert_same_rotation(found, clean if is_moved else q, 1e-9)
+    assert_same_rotation(all_present(q), clean if is_moved else q, 1e-9)
 
 
 @pytest.mark.parametrize(("jump", "is_moved"), [(-0.41, True), (-0.39, False)])
@@ -82,8 +87,7 @@ def test_a_stretch_that_jumps_against_the_motion_at_both_ends(jump, is_moved):
     angle = -0.1 * (torch.arange(120.0).double()[:, None, None] - 64.5).abs()
     clean = so3.exp(angle * turn.expand(1, 2, 3))
     q = displaced(clean, 60, 70, v=jump * turn)
-    found = undone(q, torch.ones(120, 2, dtype=torch.bool), torch.zeros(1, 2, dtype=torch.float64))
-    assert_same_rotation(found, clean if is_moved else q, 1e-9)
+    assert_same_rotation(all_present(q), clean if is_moved else q, 1e-9)
 
 
 @pytest.mark.parametrize(("sigma", "is_moved"), [(0.077, True), (0.078, False)])
@@ -91,8 +95,7 @@ def test_jumps_that_noise_may_have_made_stay(sigma, is_moved):
     """Of 0.9 rad, below three root mean squares of an excess: sqrt(15) of the noise each."""
     clean = so3.exp(torch.zeros(120, 2, 3, dtype=torch.float64))
     q = displaced(clean, 60, 70, v=0.9 * torch.tensor([1.0, 0.0, 0.0]))
-    level = torch.full((1, 2), sigma, dtype=torch.float64)
-    found = undone(q, torch.ones(120, 2, dtype=torch.bool), level)
+    found = all_present(q, sigma)
     assert_same_rotation(found, clean if is_moved else q, 1e-9)
     assert_same_rotation(repair(q, sigma=sigma)[0], found, 1e-9)
 
